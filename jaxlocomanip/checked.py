@@ -1,0 +1,96 @@
+"""Checking of user input: one-line errors that name the field, the value and what is allowed."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+
+class InputError(ValueError):
+    """Bad input by the user; its text is one line naming the field, the value and what is allowed."""
+
+
+def nearest(name: str, allowed: Iterable[str]) -> str:
+    """A hint such as "; did you mean 'mass'?", or nothing where no name is near."""
+    close = difflib.get_close_matches(name, list(allowed), n=1, cutoff=0.5)
+    return f"; did you mean '{close[0]}'?" if close else ""
+
+
+def one_of(field: str, value: Any, allowed: Sequence[str]) -> str:
+    """`value` if it is one of the allowed names."""
+    if value not in allowed:
+        raise InputError(f"{field} = {value!r}: must be one of {', '.join(allowed)}{nearest(str(value), allowed)}")
+    return str(value)
+
+
+def known_keys(where: str, table: Any, allowed: Iterable[str], required: Iterable[str] = ()) -> Mapping[str, Any]:
+    """`table` if it is a table without unknown keys that has the required ones."""
+    if not isinstance(table, Mapping):
+        raise InputError(f"{where} = {table!r}: must be a table")
+    names = list(allowed)
+    for key in table:
+        if key not in names:
+            raise InputError(
+                f"{where}: unknown key '{key}'{nearest(key, names)} (allowed: {', '.join(names)})"
+            )
+    for key in required:
+        if key not in table:
+            raise InputError(f"{where}: missing key '{key}'")
+    return table
+
+
+def number(
+    field: str,
+    value: Any,
+    low: float = -math.inf,
+    high: float = math.inf,
+    strictly: bool = False,
+) -> float:
+    """`value` as a finite float in [low, high], or in (low, high] if `strictly`."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{field} = {value!r}: must be a number")
+    if not math.isfinite(value):
+        raise InputError(f"{field} = {value!r}: must be finite")
+    if value < low or value > high or (strictly and value == low):
+        bounds = f"{'>' if strictly else '>='} {low:g}" if math.isfinite(low) else ""
+        if math.isfinite(high):
+            bounds = f"{bounds} and <= {high:g}" if bounds else f"<= {high:g}"
+        raise InputError(f"{field} = {value!r}: must be {bounds}")
+    return float(value)
+
+
+def vector(field: str, value: Any, length: int) -> tuple[float, ...]:
+    """`value` as a tuple of `length` finite floats."""
+    if not isinstance(value, list | tuple) or len(value) != length:
+        raise InputError(f"{field} = {value!r}: must be {length} numbers")
+    return tuple(number(f"{field}[{i}]", v) for i, v in enumerate(value))
+
+
+def points(field: str, value: Any, at_least: int) -> tuple[tuple[float, float], ...]:
+    """`value` as a tuple of at least `at_least` points (x, y)."""
+    if not isinstance(value, list | tuple) or len(value) < at_least:
+        raise InputError(f"{field} = {value!r}: must be a list of at least {at_least} points [x, y]")
+    pairs = (vector(f"{field}[{i}]", point, 2) for i, point in enumerate(value))
+    return tuple((x, y) for x, y in pairs)
+
+
+def convex_polygon(field: str, value: Any) -> tuple[tuple[float, float], ...]:
+    """`value` as the vertices of a strictly convex counter-clockwise polygon."""
+    vertices = points(field, value, 3)
+    count = len(vertices)
+    turning = 0.0
+    for i in range(count):
+        (ax, ay), (bx, by), (cx, cy) = vertices[i - 2], vertices[i - 1], vertices[i]
+        edge, following = (bx - ax, by - ay), (cx - bx, cy - by)
+        turn = edge[0] * following[1] - edge[1] * following[0]
+        if turn <= 1e-9:
+            raise InputError(
+                f"{field} = {[list(v) for v in vertices]}: must be strictly convex and counter-clockwise "
+                f"(it is not at vertex {(i - 1) % count})"
+            )
+        turning += math.atan2(turn, edge[0] * following[0] + edge[1] * following[1])
+    if turning > 2.0 * math.pi + 1e-6:
+        raise InputError(f"{field}: must not wind around itself more than once")
+    return vertices

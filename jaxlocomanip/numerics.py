@@ -1,0 +1,141 @@
+"""Numerical ground rules: pytree registration, safe norms, angle wrap and small dense linear algebra.
+
+The dense routines are written in plain lax operations and unrolled over the (small, static) matrix size: batched
+LAPACK calls inside compiled loops are slow for 4x4 to 12x12 matrices and can dead-lock XLA's CPU thread pool.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, TypeVar, dataclass_transform
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+T = TypeVar("T")
+
+Floats = Array | float
+"""A traced array or a Python number standing for one."""
+
+
+@dataclass_transform(frozen_default=True)
+def pytree(cls: type[T]) -> type[T]:
+    """Register a class as a frozen dataclass pytree; fields made by `static()` become metadata."""
+    frozen: Any = dataclasses.dataclass(frozen=True)(cls)
+    fields = dataclasses.fields(frozen)
+    meta = [f.name for f in fields if f.metadata.get("static", False)]
+    data = [f.name for f in fields if f.name not in meta]
+    return jax.tree_util.register_dataclass(frozen, data_fields=data, meta_fields=meta)
+
+
+def static(default: Any) -> Any:
+    """A dataclass field that is part of the pytree's structure: hashable, known at trace time."""
+    return dataclasses.field(default=default, metadata={"static": True})
+
+
+def tiny(dtype: Any) -> float:
+    """Smallest pivot, divisor or squared length trusted in `dtype`; the one source of such floors."""
+    return 1e-12 if jnp.dtype(dtype).itemsize >= 8 else 1e-7
+
+
+def safe_norm(v: Array, axis: int = -1) -> Array:
+    """Euclidean norm with a zero (not NaN) gradient at the origin."""
+    squared = jnp.sum(v * v, axis=axis)
+    positive = squared > 0.0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
+
+
+def wrap_angle(angle: Array) -> Array:
+    """Angle in rad, wrapped to [-pi, pi)."""
+    return angle - 2.0 * jnp.pi * jnp.floor((angle + jnp.pi) / (2.0 * jnp.pi))
+
+
+def smooth_positive(x: Array, width: Floats) -> Array:
+    """Smooth positive part (x + sqrt(x^2 + 4 width^2)) / 2, without cancellation for x << 0."""
+    root = jnp.sqrt(x * x + 4.0 * width * width)
+    return jnp.where(x > 0.0, 0.5 * (x + root), 2.0 * width * width / (root - jnp.minimum(x, 0.0)))
+
+
+def all_finite(tree: Any) -> Array:
+    """[] bool: every floating leaf is finite."""
+    leaves = [leaf for leaf in jax.tree.leaves(tree) if jnp.issubdtype(leaf.dtype, jnp.floating)]
+    return jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in leaves]))
+
+
+def select(predicate: Array, on_true: T, on_false: T) -> T:
+    """`jnp.where` over two pytrees of one structure with a scalar predicate."""
+    return jax.tree.map(lambda a, b: jnp.where(predicate, a, b), on_true, on_false)
+
+
+def cholesky(matrix: Array) -> Array:
+    """Lower Cholesky factor [n, n] of a symmetric positive definite [n, n] matrix, unrolled over columns.
+
+    Pivots are floored, so an indefinite or singular matrix gives a finite factor of a nearby matrix.
+    """
+    n = matrix.shape[-1]
+    floor = tiny(matrix.dtype)
+    rest, columns = matrix, []
+    for k in range(n):
+        pivot = jnp.sqrt(jnp.maximum(rest[k, k], floor))
+        below = (jnp.arange(n) > k) * rest[:, k] / pivot
+        column = below.at[k].set(pivot)
+        columns.append(column)
+        rest = rest - jnp.outer(below, below)
+    return jnp.stack(columns, axis=1)
+
+
+def cholesky_solve(factor: Array, rhs: Array) -> Array:
+    """Solve (L L') X = rhs for L [n, n] and rhs [n, m], unrolled over rows."""
+    n = factor.shape[-1]
+    forward: list[Array] = []
+    for i in range(n):
+        done = sum((factor[i, j] * forward[j] for j in range(i)), jnp.zeros_like(rhs[0]))
+        forward.append((rhs[i] - done) / factor[i, i])
+    backward: list[Array] = [rhs[0]] * n
+    for i in reversed(range(n)):
+        done = sum((factor[j, i] * backward[j] for j in range(i + 1, n)), jnp.zeros_like(rhs[0]))
+        backward[i] = (forward[i] - done) / factor[i, i]
+    return jnp.stack(backward)
+
+
+def nonnegative_least_squares(
+    matrix: Array, target: Array, upper: Array, ridge: Floats = 1e-4, iterations: int = 60
+) -> Array:
+    """Minimise |A x - b|^2 + ridge |x|^2 over 0 <= x <= upper by accelerated projected gradient.
+
+    Args:
+      matrix: A [m, n], scaled so that its columns have length about one.
+      target: b [m].
+      upper: [n] upper bounds, may be infinite.
+      ridge: > 0, picks the even split among equivalent solutions.
+      iterations: fixed count, so the routine batches.
+
+    Returns:
+      x [n].
+    """
+    gram = matrix.T @ matrix
+    step = 1.0 / (jnp.trace(gram) + ridge)
+    linear = matrix.T @ target
+
+    def body(carry: tuple[Array, Array], k: Array) -> tuple[tuple[Array, Array], None]:
+        x, y = carry
+        gradient = gram @ y - linear + ridge * y
+        new = jnp.clip(y - step * gradient, 0.0, upper)
+        return (new, new + k / (k + 3.0) * (new - x)), None
+
+    start = jnp.zeros_like(linear)
+    (x, _), _ = jax.lax.scan(body, (start, start), jnp.arange(iterations, dtype=target.dtype))
+    return x
+
+
+def second_order_along(function: Callable[[Array], Array], zero: Array) -> tuple[Array, Array, Array]:
+    """Value, first and second derivative at `zero` of a curve-to-array function of one scalar, by nested jvp."""
+    one = jnp.ones_like(zero)
+
+    def first(t: Array) -> tuple[Array, Array]:
+        return jax.jvp(function, (t,), (one,))
+
+    (value, slope), (_, curvature) = jax.jvp(first, (zero,), (one,))
+    return value, slope, curvature

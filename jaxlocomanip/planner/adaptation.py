@@ -1,0 +1,109 @@
+"""Adaptation of the object's parameters Psi = [m, I, m c_x, m c_y, F_c, M_c] (paper, "Adaptive controller").
+
+Two laws share gain, projection and low-pass:
+
+* *paper*: Psi_dot = -Gamma Y(q, qd, qd_r, qdd_r)' s with the composite error s = qd_e + lambda q_e against the reference. It
+  drifts whenever an obstacle forces a detour, and learns nothing about friction at rest, where Y = 0.
+* *prediction*: the same with s measured against the model's own prediction for this tick, and Y replaced by its exact
+  sensitivity -M d(qdd)/d(Psi) through the implicit friction step. Stiction is then learnt like anything else: while the
+  prediction moves and the object does not, the estimate of F_c rises.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxlocomanip.numerics import Floats, pytree
+from jaxlocomanip.planar import dynamics, regressor
+from jaxlocomanip.planar.dynamics import GRAVITY, Body
+from jaxlocomanip.planner.config import Adaptation
+from jaxlocomanip.scenario import ObjectModel
+
+
+@pytree
+class ParameterEstimate:
+    """Current estimate of the object's parameters."""
+
+    psi: Array
+    """[6] what the adaptation law integrates"""
+    filtered: Array
+    """[6] after the low-pass: what prediction and planning use"""
+
+    @property
+    def body(self) -> Body:
+        """The rigid body that the planner reckons with."""
+        return regressor.to_body(self.filtered)
+
+
+def start(model: ObjectModel, settings: Adaptation) -> ParameterEstimate:
+    """The belief of the scenario, with the prior friction where none is stated."""
+    prior = settings.prior_friction * model.body.mass * GRAVITY
+    force = jnp.where(model.friction_known, model.body.friction_force, prior)
+    body = Body(model.body.mass, model.body.inertia, model.body.com, force, force * model.torsion_radius)
+    psi = regressor.from_body(body)
+    return ParameterEstimate(psi, psi)
+
+
+def project(psi: Array, model: ObjectModel, settings: Adaptation) -> Array:
+    """Psi [6] moved into the box of what such an object can be; mass and inertia stay positive."""
+    belief, span = model.body, settings.mass_range
+    mass = jnp.clip(psi[0], belief.mass / span, belief.mass * span)
+    reach = 0.4 * jnp.max(jnp.sqrt(jnp.sum(model.vertices**2, axis=-1)))
+    inertia = jnp.clip(psi[1], belief.inertia / span, belief.inertia * span)
+    moment = jnp.clip(psi[2:4], -reach * mass, reach * mass)
+    limit = settings.max_friction * belief.mass * span * GRAVITY
+    force = jnp.clip(psi[4], 0.0, limit)
+    torsion = jnp.clip(psi[5], 0.4 * force * model.torsion_radius, 2.0 * force * model.torsion_radius)
+    return jnp.concatenate([mass[None], inertia[None], moment, force[None], torsion[None]])
+
+
+def prediction_slope(psi: Array, pose: Array, twist: Array, wrench_B: Array, error: Array, tick: Floats, smoothing: Floats) -> Array:
+    """[6] Y' s of the prediction law: minus the gradient of s' M qdd_predicted by Psi.
+
+    Args:
+      psi: [6] current parameters.
+      pose: [3], twist: [3]: state estimate at the start of the tick.
+      wrench_B: [3] wrench applied over it, body axes.
+      error: [3] s, composite prediction error (observed minus predicted).
+      tick: s.
+      smoothing: m/s, of friction at rest; the predictor's own.
+    """
+    weight = dynamics.mass_matrix(regressor.to_body(psi), pose[2]) @ error / tick
+
+    def predicted(p: Array) -> Array:
+        return dynamics.step(regressor.to_body(p), pose, twist, wrench_B, tick, smoothing)[1]
+
+    _, pullback = jax.vjp(predicted, psi)
+    return -pullback(weight)[0]
+
+
+def reference_slope(pose: Array, twist: Array, pose_d: Array, twist_d: Array, psi: Array, rate: Floats, smoothing: Floats) -> Array:
+    """[6] Y' s of the paper's law, with s = (qd - qd_d) + lambda (q - q_d) and qd_r = qd - s, qdd_r = -lambda qd_e."""
+    error = twist - twist_d
+    s = error + rate * (pose - pose_d)
+    w, a = twist - s, -rate * error
+    body = regressor.to_body(psi)
+    inertial = regressor.inertial_regressor(pose[2], twist[2], w, a)
+    friction = regressor.friction_regressor(pose[2], body.com, twist, smoothing)
+    return jnp.concatenate([inertial, friction], axis=1).T @ s
+
+
+def adapt(
+    estimate: ParameterEstimate, slope: Array, tick: Floats, model: ObjectModel, settings: Adaptation
+) -> ParameterEstimate:
+    """One tick of Psi_dot = -Gamma slope with projection and low-pass.
+
+    Args:
+      estimate: the previous one.
+      slope: [6] Y' s.
+      tick: s.
+      model: the object as believed; centres the projection box.
+      settings: gains.
+    """
+    gain = jnp.stack([jnp.asarray(g, slope.dtype) for g in settings.gain])
+    psi = estimate.psi - tick * gain * slope
+    psi = jnp.where(jnp.any(gain > 0.0), project(psi, model, settings), estimate.psi)
+    blend = tick / (settings.low_pass + tick)
+    return ParameterEstimate(psi, estimate.filtered + blend * (psi - estimate.filtered))

@@ -1,0 +1,92 @@
+"""Progress along the path and the reference trajectory over the horizon (paper, "Reference trajectory").
+
+The reference advances in time from the command, not from where the object happens to be: it leads the object's projection on
+the path by a bounded distance. A reference re-anchored at the object lets the plan push "later" for ever against stiction.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxlocomanip.numerics import Floats, pytree, wrap_angle
+from jaxlocomanip.planner.config import Reference
+from jaxlocomanip.planner.path import Path
+
+
+@pytree
+class Progress:
+    """Where the object and the reference are on the path."""
+
+    projected: Array
+    """[] m, arc length of the object's projection"""
+    reference: Array
+    """[] m, arc length of the reference"""
+    resting: Array
+    """[] bool, arrived: the team rests until the object leaves the tolerance"""
+
+
+@pytree
+class Targets:
+    """Reference over the horizon."""
+
+    pose: Array
+    """[N + 1, 3]"""
+    twist: Array
+    """[N + 1, 3]"""
+
+
+def start() -> Progress:
+    """Progress at the beginning of a path."""
+    return Progress(jnp.zeros(()), jnp.zeros(()), jnp.zeros((), bool))
+
+
+def restart(progress: Progress, path: Path) -> Progress:
+    """Progress on a new path that begins at the object; the lead is kept."""
+    lead = jnp.clip(progress.reference - progress.projected, 0.0, path.length)
+    return Progress(jnp.zeros_like(lead), lead, progress.resting)
+
+
+def advance(progress: Progress, path: Path, pose: Array, goal: Array, tolerance: Array, tick: Floats, settings: Reference) -> Progress:
+    """Progress after one tick.
+
+    Args:
+      progress: the previous one.
+      path: the path in force.
+      pose: [3] estimated pose.
+      goal: [3].
+      tolerance: [2] m and rad, of the goal.
+      tick: s.
+      settings: speed, lead, arrival.
+    """
+    turn_radius = settings.speed / settings.turn_rate
+    error = path.poses - pose
+    distance = jnp.sum(error[:, :2] ** 2, axis=1) + (turn_radius * wrap_angle(error[:, 2])) ** 2
+    window = (path.arc >= progress.projected - 1e-4) & (path.arc <= progress.projected + 0.5)
+    projected = path.arc[jnp.argmin(jnp.where(window, distance, jnp.inf))]
+    projected = jnp.maximum(projected, progress.projected)
+    ahead = jnp.minimum(progress.reference + settings.speed * tick, projected + settings.lead)
+    reference = jnp.minimum(jnp.maximum(ahead, projected), path.length)
+    off = pose - goal
+    misfit = jnp.maximum(
+        jnp.sqrt(jnp.sum(off[:2] ** 2)) / tolerance[0], jnp.abs(wrap_angle(off[2])) / tolerance[1]
+    )
+    limit = jnp.where(progress.resting, settings.leave, settings.arrive)
+    return Progress(projected, reference, misfit < limit)
+
+
+def targets(progress: Progress, path: Path, times: Array, settings: Reference) -> Targets:
+    """Reference at `times` [N + 1] s from now: constant speed, then an exponential approach to the end of the path."""
+    speed, settle = settings.speed, settings.settle
+    remaining = path.length - progress.reference
+    fast = jnp.maximum(remaining - settle, 0.0) / speed
+    slow = jnp.minimum(remaining, settle) * jnp.exp(-speed * jnp.maximum(times - fast, 0.0) / settle)
+    left = jnp.where(times < fast, remaining - speed * times, slow)
+    rate = jnp.where(times < fast, speed, speed * slow / settle)
+    arc = path.length - left
+    ahead, behind = path.at(arc + 0.02), path.at(arc - 0.02)
+    span = jnp.minimum(arc + 0.02, path.length) - jnp.maximum(arc - 0.02, 0.0)
+    slope = (ahead - behind) / jnp.maximum(span, 1e-3)[:, None]
+    return Targets(path.at(arc), slope * rate[:, None])
+
+

@@ -1,0 +1,83 @@
+"""The planner's view of the geometry: discs that cover the object and the robots, and the obstacles' shapes."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxlocomanip.numerics import pytree
+from jaxlocomanip.planner.config import PlannerConfig
+from jaxlocomanip.scenario import Scenario, Team
+
+ROBOT_DISCS = 2
+"""Discs along a robot's body rectangle."""
+
+
+@pytree
+class Discs:
+    """Discs fixed to the object's frame."""
+
+    centers: Array
+    """[n, 2] m"""
+    radii: Array
+    """[n] m"""
+    used: Array
+    """[n] 1 where the disc is to be kept away from obstacles, else 0"""
+
+
+@pytree
+class Shapes:
+    """Everything of a scenario's geometry that the planner knows."""
+
+    team: Team
+    object_centers: Array
+    """[K, 2] m, discs covering the object, body frame"""
+    object_radii: Array
+    """[K] m"""
+    torsion_radius: Array
+    """[] m, M_c / F_c of the footprint"""
+    obstacle_vertices: Array
+    """[N_o, V, 2] m, relative to the obstacle's position"""
+    obstacle_radius: Array
+    """[N_o] m"""
+    obstacle_mask: Array
+    """[N_o] bool"""
+    obstacle_dynamic: Array
+    """[N_o] bool"""
+
+    @property
+    def robot_radii(self) -> Array:
+        """[N_r] m, radius of each of a robot's discs."""
+        return jnp.sqrt((self.team.half_length / ROBOT_DISCS) ** 2 + self.team.half_width**2)
+
+    def robot_centers(self, offset: Array) -> Array:
+        """[N_r, ROBOT_DISCS, 2] m, disc centres in the object's frame at contact offsets [N_r]."""
+        team = self.team
+        fractions = (2.0 * jnp.arange(ROBOT_DISCS) + 1.0) / ROBOT_DISCS - 1.0
+        back = team.reach[:, None] + fractions * team.half_length[:, None]
+        return team.contact_points(offset)[:, None, :] - back[..., None] * team.normal[:, None, :]
+
+    def protected_discs(self, config: PlannerConfig) -> Discs:
+        """All discs at zero contact offset."""
+        robots = self.robot_centers(jnp.zeros_like(self.team.offset)).reshape(-1, 2)
+        ones = jnp.ones_like(self.object_radii)
+        radii = jnp.repeat(self.robot_radii, ROBOT_DISCS, total_repeat_length=robots.shape[0])
+        return Discs(
+            jnp.concatenate([self.object_centers, robots]),
+            jnp.concatenate([self.object_radii, radii]),
+            jnp.concatenate([ones * config.protection.object, jnp.ones_like(radii) * config.protection.robots]),
+        )
+
+
+def shapes_of(scenario: Scenario) -> Shapes:
+    """The geometry that the planner is told."""
+    return Shapes(
+        team=scenario.team,
+        object_centers=scenario.object.disc_centers,
+        object_radii=scenario.object.disc_radii,
+        torsion_radius=scenario.object.torsion_radius,
+        obstacle_vertices=scenario.obstacles.vertices,
+        obstacle_radius=scenario.obstacles.radius,
+        obstacle_mask=scenario.obstacles.mask,
+        obstacle_dynamic=scenario.obstacles.dynamic,
+    )

@@ -1,0 +1,212 @@
+"""A scenario as arrays: what the planner believes, what the world is, and where to go.
+
+Everything here is a pytree of arrays without batch axis. Obstacles are padded to a fixed count with a mask and shapes to
+a fixed number of vertices, so that different layouts `stack` into one batch and share one compilation.
+Scenarios are usually made by `jaxlocomanip.specification`, which checks every value.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxlocomanip.checked import InputError
+from jaxlocomanip.numerics import pytree
+from jaxlocomanip.planar.dynamics import Body
+from jaxlocomanip.planar.geometry import perpendicular, transform
+
+
+@pytree
+class ObjectModel:
+    """The pushed object: its shape, known to everybody, and what the planner believes of its mechanics."""
+
+    vertices: Array
+    """[V, 2] m, convex counter-clockwise footprint in the body frame; the last vertex repeats as padding"""
+    height: Array
+    """[] m"""
+    body: Body
+    """believed mechanics; friction 0 where unknown"""
+    friction_known: Array
+    """[] bool: the belief about friction is meant"""
+    torsion_radius: Array
+    """[] m, M_c / F_c of the footprint under uniform pressure"""
+    disc_centers: Array
+    """[K, 2] m, discs that cover the footprint, body frame"""
+    disc_radii: Array
+    """[K] m"""
+
+
+@pytree
+class Team:
+    """N_r robots, each in contact with one face of the object, heading along its push direction."""
+
+    kind: Array
+    """[N_r] int, index into `robots.model.ROBOT_TYPES`"""
+    origin: Array
+    """[N_r, 2] m, contact point at zero offset (middle of the face), body frame of the object"""
+    normal: Array
+    """[N_r, 2] unit push direction, into the object"""
+    offset: Array
+    """[N_r] m, contact offset at the start, along the tangent (normal turned by +90 degrees)"""
+    offset_limit: Array
+    """[N_r] m, largest |offset|"""
+    force_max: Array
+    """[N_r] N, largest push (what the robot's own feet can carry)"""
+    push_speed_max: Array
+    """[N_r] m/s, largest forward speed while pushing"""
+    slide_speed_max: Array
+    """[N_r] m/s, largest sideways walking speed"""
+    reach: Array
+    """[N_r] m, from the contact point back to the centre of the body rectangle"""
+    half_length: Array
+    """[N_r] m, half the length of the body rectangle"""
+    half_width: Array
+    """[N_r] m, half its width"""
+    pair_rows: Array
+    """[P, N_r] robots keep out of each other's way where pair_rows @ offset <= pair_bounds"""
+    pair_bounds: Array
+    """[P] m"""
+
+    @property
+    def tangent(self) -> Array:
+        """[N_r, 2] direction of positive offset."""
+        return perpendicular(self.normal)
+
+    def contact_points(self, offset: Array) -> Array:
+        """[N_r, 2] contact points in the object's frame at the offsets [N_r]."""
+        return self.origin + offset[:, None] * self.tangent
+
+    def robot_poses(self, pose: Array, offset: Array) -> Array:
+        """[N_r, 3] poses of the robots' rectangles in the world, for an object pose [3]."""
+        centers_B = self.contact_points(offset) - self.reach[:, None] * self.normal
+        heading = pose[2] + jnp.arctan2(self.normal[:, 1], self.normal[:, 0])
+        return jnp.concatenate([transform(pose, centers_B), heading[:, None]], axis=1)
+
+
+@pytree
+class Obstacles:
+    """N_o padded obstacles: rounded convex polygons on prescribed paths."""
+
+    vertices: Array
+    """[N_o, V, 2] m, in world axes relative to the obstacle's position; a circle repeats the origin"""
+    radius: Array
+    """[N_o] m, rounding radius (circles: their radius; polygons: 0)"""
+    position: Array
+    """[N_o, 2] m at t = 0"""
+    velocity: Array
+    """[N_o, 2] m/s"""
+    amplitude: Array
+    """[N_o, 2] m, of a sine motion about the position"""
+    period: Array
+    """[N_o] s, > 0"""
+    times: Array
+    """[N_o, M] s, increasing; waypoint times (constant where unused)"""
+    waypoints: Array
+    """[N_o, M, 2] m, displacement from the position, interpolated linearly and held at the ends"""
+    dynamic: Array
+    """[N_o] bool: may move, and is tracked as such"""
+    mask: Array
+    """[N_o] bool: exists"""
+
+    def at(self, time: Array) -> Array:
+        """[N_o, 2] positions at a time in s."""
+
+        def along(times: Array, points: Array) -> Array:
+            return jnp.stack([jnp.interp(time, times, points[:, i]) for i in range(2)])
+
+        sine = self.amplitude * jnp.sin(2.0 * jnp.pi * time / self.period)[:, None]
+        return self.position + self.velocity * time + sine + jax.vmap(along)(self.times, self.waypoints)
+
+
+@pytree
+class Goal:
+    """Where the object shall come to rest."""
+
+    pose: Array
+    """[3] m, m, rad"""
+    position_tolerance: Array
+    """[] m"""
+    heading_tolerance: Array
+    """[] rad"""
+
+
+@pytree
+class Sensing:
+    """Imperfections of measurement and actuation in the world."""
+
+    position_std: Array
+    """[] m, white noise on the object's measured position, per axis and tick"""
+    heading_std: Array
+    """[] rad"""
+    obstacle_std: Array
+    """[] m, on each obstacle's measured position"""
+    command_delay: Array
+    """[] s, between the planner's command and the robots' reaction"""
+
+
+@pytree
+class Scenario:
+    """One planning problem and the world it is tried in."""
+
+    object: ObjectModel
+    truth: Body
+    """the object's true mechanics"""
+    start: Array
+    """[3] object pose at t = 0"""
+    goal: Goal
+    team: Team
+    obstacles: Obstacles
+    sensing: Sensing
+    duration: Array
+    """[] s"""
+    index: Array
+    """[] int, the lane's own number: random draws fold it in, so a lane is the same in any batch"""
+
+
+def pad_obstacles(obstacles: Obstacles, count: int) -> Obstacles:
+    """The same obstacles followed by absent ones, `count` in all; absent ones stand far away."""
+    missing = count - obstacles.mask.shape[0]
+    if missing < 0:
+        raise InputError(f"obstacles: {obstacles.mask.shape[0]} do not fit into {count}")
+
+    def grow(leaf: Array, fill: float) -> Array:
+        block = np.full((missing, *leaf.shape[1:]), fill, dtype=np.asarray(leaf).dtype)
+        return jnp.concatenate([jnp.asarray(leaf), jnp.asarray(block)])
+
+    padded = jax.tree.map(lambda leaf: grow(leaf, 0), obstacles)
+    return dataclasses.replace(
+        padded,
+        position=grow(obstacles.position, 1e3),
+        period=grow(obstacles.period, 1.0),
+        radius=grow(obstacles.radius, 0.1),
+    )
+
+
+def stack(scenarios: Sequence[Scenario]) -> Scenario:
+    """One batch [B, ...] of scenarios with teams of one size; obstacles are padded to the largest count.
+
+    Shapes (vertices, waypoints, covering discs) are padded by repeating their last entry.
+
+    Raises:
+      InputError: no scenarios, or teams of different sizes.
+    """
+    if not scenarios:
+        raise InputError("scenarios: at least one is needed")
+    sizes = {s.team.offset.shape[0] for s in scenarios}
+    if len(sizes) > 1:
+        raise InputError(f"team sizes {sorted(sizes)}: scenarios of one batch must have teams of one size")
+    count = max(s.obstacles.mask.shape[0] for s in scenarios)
+    padded = [dataclasses.replace(s, obstacles=pad_obstacles(s.obstacles, count)) for s in scenarios]
+
+    def join(*leaves: Array) -> Array:
+        rank = np.ndim(leaves[0])
+        shape = tuple(max(np.shape(leaf)[i] for leaf in leaves) for i in range(rank))
+        grown = [np.pad(leaf, [(0, m - n) for m, n in zip(shape, np.shape(leaf), strict=True)], "edge") for leaf in leaves]
+        return jnp.asarray(np.stack(grown))
+
+    return jax.tree.map(join, *padded)

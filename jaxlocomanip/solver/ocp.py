@@ -1,0 +1,71 @@
+"""What an optimal control problem must offer to the solver.
+
+    minimise   sum_{k<N} 1/2 |r_k(x_k, u_k)|^2 + sum_i P(h_k,i(x_k, u_k))  +  1/2 |r_N(x_N)|^2
+    subject to x_{k+1} = f_k(x_k, u_k),  x_0 given,
+
+with P a convex penalty of the inequalities h >= 0. A problem is a pytree (its arrays are arguments of the compiled
+program, never closed over) whose per-stage data have a leading axis [N].
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from jax import Array
+
+from jaxlocomanip.numerics import pytree
+
+
+@pytree
+class Stage:
+    """What one stage evaluates to."""
+
+    next_state: Array
+    """[nx] f_k(x, u)"""
+    residual: Array
+    """[nr] r_k(x, u), weighted"""
+    inequality: Array
+    """[nh] h_k(x, u), wanted >= 0"""
+
+
+@pytree
+class Penalty:
+    """Elementwise penalty of inequalities."""
+
+    value: Array
+    """[nh] P(h)"""
+    slope: Array
+    """[nh] P'(h)"""
+    curvature: Array
+    """[nh] P''(h), >= 0"""
+
+
+@pytree
+class Plan:
+    """State and input trajectory."""
+
+    xs: Array
+    """[N + 1, nx]"""
+    us: Array
+    """[N, nu]"""
+
+
+class Problem(Protocol):
+    """A discretised optimal control problem."""
+
+    @property
+    def stages(self) -> Any:
+        """Pytree of per-stage data, each leaf with leading axis [N]."""
+        ...
+
+    def stage(self, x: Array, u: Array, data: Any) -> Stage:
+        """Evaluate one stage: x [nx], u [nu], data one slice of `stages`."""
+        ...
+
+    def penalty(self, h: Array, data: Any) -> Penalty:
+        """Penalise the inequalities h [nh] of one stage."""
+        ...
+
+    def terminal(self, x: Array) -> Array:
+        """Weighted terminal residual r_N(x) [nf]."""
+        ...

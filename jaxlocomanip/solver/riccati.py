@@ -1,0 +1,89 @@
+"""The equality-constrained linear-quadratic subproblem, solved by a Riccati recursion.
+
+    minimise   sum_{k<N} 1/2 z_k' H_k z_k + g_k' z_k  +  1/2 dx_N' H_N dx_N + g_N' dx_N,   z_k = [dx_k, du_k]
+    subject to dx_{k+1} = F_k z_k + c_k,   dx_0 given.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxlocomanip.numerics import Floats, cholesky, cholesky_solve, pytree
+
+
+@pytree
+class LinearQuadratic:
+    """Data of the subproblem, nz = nx + nu."""
+
+    hessian: Array
+    """[N, nz, nz] symmetric H_k"""
+    gradient: Array
+    """[N, nz] g_k"""
+    dynamics: Array
+    """[N, nx, nz] F_k = [A_k, B_k]"""
+    defect: Array
+    """[N, nx] c_k = f_k(x_k, u_k) - x_{k+1}"""
+    final_hessian: Array
+    """[nx, nx]"""
+    final_gradient: Array
+    """[nx]"""
+
+
+@pytree
+class Direction:
+    """Solution of the subproblem."""
+
+    dxs: Array
+    """[N + 1, nx]"""
+    dus: Array
+    """[N, nu]"""
+    costates: Array
+    """[N + 1, nx] multipliers of the dynamics, gradient of the cost to go at dx_k"""
+    feedback: Array
+    """[N, nu, nx] du = feedforward + feedback dx"""
+
+
+def solve(lq: LinearQuadratic, dx0: Array, regularisation: Floats) -> Direction:
+    """Backward Riccati sweep, then a forward pass; sequential in k.
+
+    Args:
+      lq: the subproblem; H_k + F_k' P F_k must be positive definite in u once regularised.
+      dx0: [nx] initial deviation.
+      regularisation: >= 0, added to the diagonal of the input Hessian.
+    """
+    nx = dx0.shape[0]
+    nu = lq.hessian.shape[-1] - nx
+    damping = regularisation * jnp.eye(nu, dtype=dx0.dtype)
+
+    def backward(carry: tuple[Array, Array], k: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
+        value, slope = carry
+        hessian, linear, dynamics, defect = k
+        transported = value @ dynamics
+        total = hessian + dynamics.T @ transported
+        gradient = linear + dynamics.T @ slope + transported.T @ defect
+        factor = cholesky(total[nx:, nx:] + damping)
+        gains = -cholesky_solve(factor, jnp.concatenate([gradient[nx:, None], total[nx:, :nx]], axis=1))
+        feedforward, feedback = gains[:, 0], gains[:, 1:]
+        new_value = total[:nx, :nx] + total[:nx, nx:] @ feedback
+        new_slope = gradient[:nx] + total[:nx, nx:] @ feedforward
+        return (0.5 * (new_value + new_value.T), new_slope), (feedforward, feedback, value, slope)
+
+    start = (lq.final_hessian, lq.final_gradient)
+    (value0, slope0), (feedforward, feedback, values, slopes) = jax.lax.scan(
+        backward, start, (lq.hessian, lq.gradient, lq.dynamics, lq.defect), reverse=True
+    )
+
+    def forward(dx: Array, k: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
+        dynamics, defect, offset, gain = k
+        du = offset + gain @ dx
+        new = dynamics @ jnp.concatenate([dx, du]) + defect
+        return new, (new, du)
+
+    _, (dxs, dus) = jax.lax.scan(forward, dx0, (lq.dynamics, lq.defect, feedforward, feedback))
+    costates = jnp.einsum("kij,kj->ki", values, dxs) + slopes
+    first = value0 @ dx0 + slope0
+    return Direction(
+        jnp.concatenate([dx0[None], dxs]), dus, jnp.concatenate([first[None], costates]), feedback
+    )

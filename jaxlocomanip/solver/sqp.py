@@ -1,0 +1,180 @@
+"""Gauss-Newton sequential quadratic programming on a multiple-shooting problem.
+
+Each iteration linearises every stage at once, solves the linear-quadratic subproblem by Riccati recursion and takes the
+step of a fixed ladder of lengths with the least l1 merit
+
+    phi = cost + nu sum_k |f_k(x_k, u_k) - x_{k+1}|_1,   nu > max |costate|.
+
+If no length decreases the merit the iterate stays and the Levenberg damping grows. Iteration counts are fixed, so a
+batch of problems is one compiled program; a lane whose numbers become non-finite keeps its last finite iterate.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxlocomanip.numerics import all_finite, pytree, select, static
+from jaxlocomanip.solver.ocp import Plan, Problem, Stage
+from jaxlocomanip.solver.riccati import Direction, LinearQuadratic
+from jaxlocomanip.solver.riccati import solve as solve_lq
+
+
+class Status(IntEnum):
+    """How a solve ended."""
+
+    CONVERGED = 0
+    ITERATION_LIMIT = 1
+    NO_DESCENT = 2
+    NONFINITE = 3
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        return {
+            Status.CONVERGED: "converged: the last step is below the tolerance",
+            Status.ITERATION_LIMIT: "stopped at the iteration limit while still descending",
+            Status.NO_DESCENT: "no step length decreased the merit function",
+            Status.NONFINITE: "infinite or NaN values met; the last finite iterate was kept",
+        }[self]
+
+
+@pytree
+class Options:
+    """Settings of the solver."""
+
+    iterations: int = static(1)
+    """iterations a call (static)"""
+    step_lengths: tuple[float, ...] = static((1.0, 0.5, 0.2, 0.05))
+    """ladder of step lengths tried side by side (static)"""
+    tolerance: float = 1e-3
+    """max |step| that counts as converged, in the units of states and inputs"""
+    damping: float = 1e-6
+    """least Levenberg damping of the inputs"""
+
+
+@pytree
+class Iterate:
+    """State of the solver, carried from iteration to iteration and from tick to tick."""
+
+    plan: Plan
+    damping: Array
+    """[] Levenberg damping"""
+    cost: Array
+    """[] objective at the plan"""
+    defect: Array
+    """[] l1 norm of the dynamics defects"""
+    step: Array
+    """[] max |step| last taken by the subproblem, before scaling by its length"""
+    length: Array
+    """[] step length last accepted (0: none)"""
+    status: Array
+    """[] int, `Status`"""
+
+
+def start(plan: Plan, options: Options) -> Iterate:
+    """Iterate at an initial guess."""
+    zero = jnp.zeros((), plan.xs.dtype)
+    return Iterate(plan, zero + options.damping, zero, zero, zero, zero, jnp.zeros((), jnp.int32))
+
+
+def solve(problem: Problem, x0: Array, iterate: Iterate, options: Options) -> Iterate:
+    """`options.iterations` iterations from a warm start.
+
+    Args:
+      problem: the optimal control problem.
+      x0: [nx] initial state; replaces the plan's.
+      iterate: result of `start` or of an earlier solve.
+      options: solver settings.
+    """
+    plan = Plan(iterate.plan.xs.at[0].set(x0), iterate.plan.us)
+    first = Iterate(plan, iterate.damping, iterate.cost, iterate.defect, iterate.step, iterate.length, iterate.status)
+    if options.iterations == 1:
+        return _iteration(problem, first, options)
+
+    def body(carry: Iterate, _: None) -> tuple[Iterate, None]:
+        return _iteration(problem, carry, options), None
+
+    return jax.lax.scan(body, first, None, length=options.iterations)[0]
+
+
+def evaluate(problem: Problem, plan: Plan) -> tuple[Array, Array]:
+    """Objective [] and l1 norm [] of the dynamics defects of a plan."""
+
+    def one(x: Array, u: Array, data: object) -> tuple[Array, Array]:
+        values = problem.stage(x, u, data)
+        cost = 0.5 * jnp.sum(values.residual**2) + jnp.sum(problem.penalty(values.inequality, data).value)
+        return cost, values.next_state
+
+    costs, nexts = jax.vmap(one)(plan.xs[:-1], plan.us, problem.stages)
+    final = 0.5 * jnp.sum(problem.terminal(plan.xs[-1]) ** 2)
+    return jnp.sum(costs) + final, jnp.sum(jnp.abs(nexts - plan.xs[1:]))
+
+
+def linearise(problem: Problem, plan: Plan) -> tuple[LinearQuadratic, Array]:
+    """Gauss-Newton model at a plan (penalty Hessian J' diag(P'') J), and the objective []."""
+    nx = plan.xs.shape[1]
+
+    def one(x: Array, u: Array, data: object) -> tuple[Array, ...]:
+        z = jnp.concatenate([x, u])
+
+        def values(z: Array) -> tuple[Stage, Stage]:
+            stage = problem.stage(z[:nx], z[nx:], data)
+            return stage, stage
+
+        jacobian, value = jax.jacfwd(values, has_aux=True)(z)
+        penalty = problem.penalty(value.inequality, data)
+        rows = jacobian.inequality
+        hessian = jacobian.residual.T @ jacobian.residual + rows.T @ (penalty.curvature[:, None] * rows)
+        gradient = jacobian.residual.T @ value.residual + rows.T @ penalty.slope
+        cost = 0.5 * jnp.sum(value.residual**2) + jnp.sum(penalty.value)
+        return hessian, gradient, jacobian.next_state, value.next_state, cost
+
+    hessian, gradient, dynamics, nexts, costs = jax.vmap(one)(plan.xs[:-1], plan.us, problem.stages)
+    residual = problem.terminal(plan.xs[-1])
+    rows = jax.jacfwd(problem.terminal)(plan.xs[-1])
+    lq = LinearQuadratic(hessian, gradient, dynamics, nexts - plan.xs[1:], rows.T @ rows, rows.T @ residual)
+    return lq, jnp.sum(costs) + 0.5 * jnp.sum(residual**2)
+
+
+def _iteration(problem: Problem, iterate: Iterate, options: Options) -> Iterate:
+    plan = iterate.plan
+    lq, cost = linearise(problem, plan)
+    direction = solve_lq(lq, jnp.zeros_like(plan.xs[0]), iterate.damping)
+    defect = jnp.sum(jnp.abs(lq.defect))
+    weight = 1.5 * jnp.max(jnp.abs(direction.costates))
+    lengths = jnp.asarray(options.step_lengths, plan.xs.dtype)
+    tried = jax.vmap(lambda a: Plan(plan.xs + a * direction.dxs, plan.us + a * direction.dus))(lengths)
+    costs, defects = jax.vmap(lambda p: evaluate(problem, p))(tried)
+    merits = jnp.where(jnp.isfinite(costs + defects), costs + weight * defects, jnp.inf)
+    best = jnp.argmin(merits)
+    step = jnp.maximum(jnp.max(jnp.abs(direction.dxs)), jnp.max(jnp.abs(direction.dus)))
+    finite = all_finite(direction) & jnp.isfinite(merits[best])
+    small = step < options.tolerance
+    accept = finite & ((merits[best] < cost + weight * defect) | small)
+    status = jnp.where(
+        finite,
+        jnp.where(small, Status.CONVERGED, jnp.where(accept, Status.ITERATION_LIMIT, Status.NO_DESCENT)),
+        Status.NONFINITE,
+    )
+    damping = jnp.where(accept, jnp.maximum(iterate.damping / 10.0, options.damping), iterate.damping * 30.0 + 1e-5)
+    moved = Iterate(
+        jax.tree.map(lambda leaf: leaf[best], tried), damping, costs[best], defects[best], step, lengths[best], status
+    )
+    kept = Iterate(plan, damping, cost, defect, step, jnp.zeros_like(step), status)
+    result = select(accept, moved, kept)
+    return Iterate(
+        result.plan,
+        jnp.minimum(result.damping, 1e6),
+        result.cost,
+        result.defect,
+        result.step,
+        result.length,
+        result.status.astype(jnp.int32),
+    )
+
+
+__all__ = ["Direction", "Iterate", "Options", "Status", "evaluate", "linearise", "solve", "start"]
