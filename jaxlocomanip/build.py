@@ -153,6 +153,7 @@ def _team(robots: tuple[RobotSpec, ...], polygon: np.ndarray) -> Team:
             raise InputError(f"robots[{i}].offset = {robot.offset:g}: must be within +-{limits[face]:g} m on face {robot.face!r}")
     inward = np.stack([-edges[:, 1], edges[:, 0]], axis=1) / lengths[:, None]
     rows, bounds = _pairs(robots, faces, models, lengths)
+    low, high = _free_ranges(np.array([r.offset for r in robots]), limits[faces], rows, bounds)
 
     def each(name: str) -> jax.Array:
         return _array([getattr(model, name) for model in models])
@@ -163,6 +164,8 @@ def _team(robots: tuple[RobotSpec, ...], polygon: np.ndarray) -> Team:
         normal=_array([inward[f] for f in faces]),
         offset=_array([r.offset for r in robots]),
         offset_limit=_array([limits[f] for f in faces]),
+        free_low=_array(low),
+        free_high=_array(high),
         force_max=each("push_force_max"),
         push_speed_max=each("push_speed_max"),
         slide_speed_max=each("slide_speed_max"),
@@ -202,6 +205,22 @@ def _pairs(
             rows.append(row)
             bounds.append(bound)
     return np.array(rows).reshape(-1, count), np.array(bounds)
+
+
+def _free_ranges(
+    offset: np.ndarray, limit: np.ndarray, rows: np.ndarray, bounds: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Each robot's own share of the room in the team: the slack at the start offsets is split evenly."""
+    low, high = -limit, limit.copy()
+    for row, bound in zip(rows, bounds, strict=True):
+        slack = bound - row @ offset
+        for i in np.flatnonzero(row):
+            edge = offset[i] + row[i] * slack / 2.0
+            if row[i] > 0:
+                high[i] = min(high[i], edge)
+            else:
+                low[i] = max(low[i], edge)
+    return low, high
 
 
 def _obstacles(specs: tuple[ObstacleSpec, ...]) -> Obstacles:

@@ -7,7 +7,6 @@ LAPACK calls inside compiled loops are slow for 4x4 to 12x12 matrices and can de
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any, TypeVar, dataclass_transform
 
 import jax
@@ -128,14 +127,3 @@ def nonnegative_least_squares(
     start = jnp.zeros_like(linear)
     (x, _), _ = jax.lax.scan(body, (start, start), jnp.arange(iterations, dtype=target.dtype))
     return x
-
-
-def second_order_along(function: Callable[[Array], Array], zero: Array) -> tuple[Array, Array, Array]:
-    """Value, first and second derivative at `zero` of a curve-to-array function of one scalar, by nested jvp."""
-    one = jnp.ones_like(zero)
-
-    def first(t: Array) -> tuple[Array, Array]:
-        return jax.jvp(function, (t,), (one,))
-
-    (value, slope), (_, curvature) = jax.jvp(first, (zero,), (one,))
-    return value, slope, curvature

@@ -55,6 +55,10 @@ class Team:
     """[N_r] m, contact offset at the start, along the tangent (normal turned by +90 degrees)"""
     offset_limit: Array
     """[N_r] m, largest |offset|"""
+    free_low: Array
+    """[N_r] m, offsets in [free_low, free_high] are in nobody's way, whatever the others' offsets in theirs"""
+    free_high: Array
+    """[N_r] m"""
     force_max: Array
     """[N_r] N, largest push (what the robot's own feet can carry)"""
     push_speed_max: Array
@@ -204,9 +208,11 @@ def stack(scenarios: Sequence[Scenario]) -> Scenario:
     padded = [dataclasses.replace(s, obstacles=pad_obstacles(s.obstacles, count)) for s in scenarios]
 
     def join(*leaves: Array) -> Array:
-        rank = np.ndim(leaves[0])
-        shape = tuple(max(np.shape(leaf)[i] for leaf in leaves) for i in range(rank))
-        grown = [np.pad(leaf, [(0, m - n) for m, n in zip(shape, np.shape(leaf), strict=True)], "edge") for leaf in leaves]
+        shape = np.max([np.shape(leaf) for leaf in leaves], axis=0).astype(int)
+        grown = []
+        for leaf in leaves:
+            missing = shape - np.array(np.shape(leaf), dtype=int)
+            grown.append(np.pad(leaf, [(0, m) for m in missing], "edge") if missing.any() else np.asarray(leaf))
         return jnp.asarray(np.stack(grown))
 
     return jax.tree.map(join, *padded)

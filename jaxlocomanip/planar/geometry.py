@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import Floats, safe_norm, tiny
+from jaxlocomanip.numerics import Floats, pytree, safe_norm, tiny
 
 
 def rotate(angle: Array, v: Array) -> Array:
@@ -50,27 +50,57 @@ def _edges(vertices: Array) -> tuple[Array, Array, Array, Array]:
     return edges, normals, lengths, valid
 
 
-def point_distance(point: Array, vertices: Array, radius: Floats) -> Array:
-    """Signed distance in m from a point [2] to a rounded polygon.
+@pytree
+class Feature:
+    """The part of a polygon nearest to some point: a corner, or the line of an edge."""
 
-    Exact outside and, for a polygon, the distance to the nearest face plane inside. Differentiable: the nearest edge
-    is chosen first and held fixed, so that second derivatives are those of the nearest point or line.
-    """
+    anchor: Array
+    """[2] the corner, or the first end of the edge"""
+    normal: Array
+    """[2] outward unit normal of the edge"""
+    flat: Array
+    """[] bool: an edge"""
+
+
+def nearest_feature(point: Array, vertices: Array) -> Feature:
+    """The feature of a convex polygon [V, 2] nearest to a point [2]; a constant to differentiation."""
+    point, vertices = jax.lax.stop_gradient((point, vertices))
     edges, normals, _, valid = _edges(vertices)
     offset = point - vertices
     squared_length = jnp.maximum(jnp.sum(edges * edges, axis=1), tiny(point.dtype))
-
-    def along(k: Array | slice) -> Array:
-        return jnp.clip(jnp.sum(offset[k] * edges[k], axis=-1) / squared_length[k], 0.0, 1.0)
-
-    gaps = offset - along(slice(None))[:, None] * edges
+    raw = jnp.sum(offset * edges, axis=1) / squared_length
+    along = jnp.clip(raw, 0.0, 1.0)
+    gaps = offset - along[:, None] * edges
     planes = jnp.where(valid, jnp.sum(offset * normals, axis=1), -jnp.inf)
     inside = jnp.any(valid) & jnp.all(planes <= 0.0)
-    nearest = jnp.where(inside, jnp.argmax(planes), jnp.argmin(jnp.sum(gaps * gaps, axis=1)))
-    chosen = jax.lax.stop_gradient(jax.nn.one_hot(nearest, vertices.shape[0], dtype=point.dtype))
-    outside_distance = safe_norm(chosen @ gaps)
-    plane_distance = chosen @ jnp.where(valid, jnp.sum(offset * normals, axis=1), 0.0)
-    return jnp.where(inside, plane_distance, outside_distance) - radius
+    index = jnp.where(inside, jnp.argmax(planes), jnp.argmin(jnp.sum(gaps * gaps, axis=1)))
+    chosen = (jnp.arange(vertices.shape[0]) == index).astype(point.dtype)
+    at_end = jnp.sum(chosen * along) >= 1.0
+    flat = inside | (jnp.any((chosen > 0.5) & valid & (raw > 0.0) & (raw < 1.0)))
+    anchor = chosen @ (vertices + jnp.where(at_end & ~flat, edges, 0.0))
+    return Feature(anchor, chosen @ normals, flat)
+
+
+def feature_distance(point: Array, feature: Feature) -> tuple[Array, Array, Array]:
+    """Signed distance [], its gradient [2] and its curvature [] at a point [2].
+
+    The Hessian of the distance is curvature (I - n n') with the unit gradient n.
+    """
+    w = point - feature.anchor
+    length = safe_norm(w)
+    floor = jnp.maximum(length, tiny(point.dtype))
+    normal = jnp.where(feature.flat, feature.normal, w / floor)
+    distance = jnp.where(feature.flat, jnp.sum(w * feature.normal), length)
+    return distance, normal, jnp.where(feature.flat, 0.0, 1.0 / floor)
+
+
+def point_distance(point: Array, vertices: Array, radius: Floats) -> Array:
+    """Signed distance in m from a point [2] to a rounded polygon.
+
+    Exact outside and, for a polygon, the distance to the nearest face plane inside. Differentiable: the nearest corner or
+    edge is chosen first and held fixed.
+    """
+    return feature_distance(point, nearest_feature(point, vertices))[0] - radius
 
 
 def polygon_distance(a: Array, radius_a: Floats, b: Array, radius_b: Floats) -> Array:

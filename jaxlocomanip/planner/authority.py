@@ -16,7 +16,7 @@ from jaxlocomanip.planar.geometry import cross
 from jaxlocomanip.scenario import Team
 
 USABLE_RANGE = 0.8
-"""Fraction of the offset range that feed-forward uses; the rest is left to feedback."""
+"""Fraction of a robot's own offset range that feed-forward uses; the rest is left to feedback."""
 
 
 def sliding_wrench(body: Body, twist_B: Array, smoothing: Floats) -> Array:
@@ -36,7 +36,8 @@ def share(team: Team, wrench_B: Array, radius: Floats) -> tuple[Array, Array, Ar
     Returns:
       forces [N_r] >= 0, moment arms as offsets [N_r] (0 where a force is 0), and the relative residual [] (0: exact).
     """
-    ends = jnp.stack([-team.offset_limit, team.offset_limit]) * USABLE_RANGE
+    middle, half = 0.5 * (team.free_low + team.free_high), 0.5 * (team.free_high - team.free_low)
+    ends = middle + USABLE_RANGE * jnp.stack([-half, half])
     points = team.origin + ends[..., None] * team.tangent
     arms = cross(points, jnp.broadcast_to(team.normal, points.shape)) / radius
     normals = jnp.broadcast_to(team.normal, points.shape)

@@ -70,7 +70,7 @@ class Constraints:
     """|d| <= limit, m"""
     offset_rate: Barrier = Barrier(0.1, 0.02)
     """|ddot| <= limit, m/s"""
-    team: Barrier = Barrier(0.1, 0.01)
+    team: Barrier = Barrier(0.5, 0.02)
     """room between robots of neighbouring contacts, m"""
     object_cbf: Barrier = Barrier(0.8, 0.1)
     robot_cbf: Barrier = Barrier(0.8, 0.1)

@@ -1,19 +1,22 @@
 """Inequalities of one stage: bounds, control Lyapunov function and exponential control barrier functions.
 
-Time derivatives of barrier values are taken by forward differentiation along the adaptive model's motion *and* the obstacle's
-own predicted motion at that stage's time. The object's barrier has relative degree 2 and is differentiated along
-q + qd t + 1/2 qdd t^2 with the predicted acceleration, the robots' barriers have relative degree 1.
+Time derivatives of barrier values are taken along the adaptive model's motion *and* the obstacle's own predicted motion at that
+stage's time. The object's barrier has relative degree 2 and takes the predicted acceleration, the robots' barriers have
+relative degree 1. They are written out, because the distance to a corner or an edge has a simple gradient and Hessian; the
+tests hold them against Lie derivatives by forward differentiation (`planar.dynamics.lie_derivative`) and finite differences.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import Floats, pytree, safe_norm, second_order_along
+from jaxlocomanip.numerics import Floats, pytree, safe_norm
 from jaxlocomanip.planar.dynamics import Body, coriolis_matrix, friction_wrench, mass_matrix
-from jaxlocomanip.planar.geometry import point_distance, rotate
+from jaxlocomanip.planar.geometry import feature_distance, nearest_feature, perpendicular, rotate
 from jaxlocomanip.planner.config import Barrier, PlannerConfig
 from jaxlocomanip.planner.shapes import ROBOT_DISCS, Shapes
 
@@ -48,47 +51,58 @@ def bounds(motion: Motion, shapes: Shapes) -> tuple[Array, Array, Array, Array]:
 def object_barrier(motion: Motion, shapes: Shapes, position: Array, velocity: Array, config: PlannerConfig) -> Array:
     """[K N_o] B'' + beta B' + alpha B of the object's discs and the obstacles at `position`, `velocity` [N_o, 2]."""
     settings = config.constraints
+    theta, omega = motion.pose[2], motion.twist[2]
+    arms = rotate(theta, shapes.object_centers)
+    centers = motion.pose[:2] + arms
+    speeds = motion.twist[:2] + omega * perpendicular(arms)
+    pulls = motion.acceleration[:2] + motion.acceleration[2] * perpendicular(arms) - omega**2 * arms
 
-    def one(center: Array, radius: Array, place: Array, speed: Array, vertices: Array, rounding: Array) -> Array:
-        def value(t: Array) -> Array:
-            q = motion.pose + t * motion.twist + 0.5 * t * t * motion.acceleration
-            point = q[:2] + rotate(q[2], center) - place - t * speed
-            return point_distance(point, vertices, rounding) - radius - settings.margin
-
-        b, slope, curvature = second_order_along(value, jnp.zeros((), motion.pose.dtype))
+    def condition(center: Array, speed: Array, pull: Array, radius: Array, obstacle: _Obstacle) -> Array:
+        b, slope, curvature = _barrier(center, speed, pull, radius, obstacle, settings.margin)
         return curvature + settings.object_beta * slope + settings.object_alpha * b
 
-    over_obstacles = jax.vmap(one, in_axes=(None, None, 0, 0, 0, 0))
-    over_discs = jax.vmap(over_obstacles, in_axes=(0, 0, None, None, None, None))
-    h = over_discs(
-        shapes.object_centers, shapes.object_radii, position, velocity, shapes.obstacle_vertices, shapes.obstacle_radius
-    )
-    return h.reshape(-1)
+    return _all_pairs(condition, (centers, speeds, pulls, shapes.object_radii), shapes, position, velocity)
 
 
 def robot_barrier(motion: Motion, shapes: Shapes, position: Array, velocity: Array, config: PlannerConfig) -> Array:
     """[N_r ROBOT_DISCS N_o] B' + alpha B of the robots' discs and the obstacles."""
     settings = config.constraints
-    centers = shapes.robot_centers(motion.offset).reshape(-1, 2)
+    theta, omega = motion.pose[2], motion.twist[2]
+    arms = rotate(theta, shapes.robot_centers(motion.offset).reshape(-1, 2))
     slides = jnp.repeat(motion.offset_rate[:, None] * shapes.team.tangent, ROBOT_DISCS, axis=0)
+    speeds = motion.twist[:2] + omega * perpendicular(arms) + rotate(theta, slides)
     radii = jnp.repeat(shapes.robot_radii, ROBOT_DISCS)
 
-    def one(
-        center: Array, slide: Array, radius: Array, place: Array, speed: Array, vertices: Array, rounding: Array
-    ) -> Array:
-        def value(t: Array) -> Array:
-            q = motion.pose + t * motion.twist
-            point = q[:2] + rotate(q[2], center + t * slide) - place - t * speed
-            return point_distance(point, vertices, rounding) - radius - settings.margin
-
-        zero = jnp.zeros((), motion.pose.dtype)
-        b, slope = jax.jvp(value, (zero,), (jnp.ones_like(zero),))
+    def condition(center: Array, speed: Array, radius: Array, obstacle: _Obstacle) -> Array:
+        b, slope, _ = _barrier(center, speed, jnp.zeros_like(speed), radius, obstacle, settings.margin)
         return slope + settings.robot_alpha * b
 
-    over_obstacles = jax.vmap(one, in_axes=(None, None, None, 0, 0, 0, 0))
-    over_discs = jax.vmap(over_obstacles, in_axes=(0, 0, 0, None, None, None, None))
-    h = over_discs(centers, slides, radii, position, velocity, shapes.obstacle_vertices, shapes.obstacle_radius)
-    return h.reshape(-1)
+    return _all_pairs(condition, (motion.pose[:2] + arms, speeds, radii), shapes, position, velocity)
+
+
+_Obstacle = tuple[Array, Array, Array, Array]
+
+
+def _barrier(
+    center: Array, speed: Array, pull: Array, radius: Array, obstacle: _Obstacle, margin: Floats
+) -> tuple[Array, Array, Array]:
+    """B, B' and B'' of a disc with centre, velocity and acceleration [2] against one obstacle at constant velocity."""
+    place, drift, vertices, rounding = obstacle
+    relative = center - place
+    distance, normal, curvature = feature_distance(relative, nearest_feature(relative, vertices))
+    closing = speed - drift
+    slope = jnp.sum(normal * closing)
+    bend = curvature * (jnp.sum(closing * closing) - slope * slope)
+    return distance - rounding - radius - margin, slope, jnp.sum(normal * pull) + bend
+
+
+def _all_pairs(
+    condition: Callable[..., Array], discs: tuple[Array, ...], shapes: Shapes, position: Array, velocity: Array
+) -> Array:
+    obstacles = (position, velocity, shapes.obstacle_vertices, shapes.obstacle_radius)
+    over_obstacles = jax.vmap(condition, in_axes=(*([None] * len(discs)), 0))
+    over_discs = jax.vmap(over_obstacles, in_axes=(*([0] * len(discs)), None))
+    return over_discs(*discs, obstacles).reshape(-1)
 
 
 def lyapunov_condition(

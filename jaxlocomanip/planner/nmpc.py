@@ -12,7 +12,7 @@ from jax import Array
 
 from jaxlocomanip.numerics import pytree, select, wrap_angle
 from jaxlocomanip.planar import dynamics
-from jaxlocomanip.planner import adaptation, estimation, path, problem, reference, safety
+from jaxlocomanip.planner import adaptation, estimation, path, problem, reference, safety, search
 from jaxlocomanip.planner.adaptation import ParameterEstimate
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
@@ -107,11 +107,13 @@ def start(task: Task, measured: Measurement, config: PlannerConfig) -> PlannerSt
     steps = config.horizon.steps
     guess = Plan(jnp.tile(first, (steps + 1, 1)), jnp.zeros((steps, 2 * n), first.dtype))
     zero = jnp.zeros(n, first.dtype)
-    line = path.straight_path(measured.pose, task.goal.pose, config.reference.speed / config.reference.turn_rate)
+    parameters = adaptation.start(task.model, config.adaptation)
+    turn_radius = config.reference.speed / config.reference.turn_rate
+    line = path.straight_path(measured.pose, task.goal.pose, task.shapes, parameters.body, turn_radius)
     return PlannerState(
         object=estimation.start_object(measured.pose),
         obstacles=estimation.start_obstacles(measured.obstacles, config.estimation),
-        parameters=adaptation.start(task.model, config.adaptation),
+        parameters=parameters,
         path=line,
         progress=reference.start(),
         solver=sqp.start(guess, options(config)),
@@ -123,7 +125,7 @@ def start(task: Task, measured: Measurement, config: PlannerConfig) -> PlannerSt
 
 def replan(state: PlannerState, task: Task, config: PlannerConfig) -> PlannerState:
     """Search the path anew from where the object is; a straight-line configuration keeps its line."""
-    found = path.search_path(
+    found = search.search_path(
         state.object.pose, task.goal.pose, task.shapes, state.obstacles, state.parameters.body, config
     )
     renewed = reference.restart(state.progress, found)
@@ -153,7 +155,7 @@ def tick(
     )
     times = horizon.dt * jnp.arange(horizon.steps + 1, dtype=measured.pose.dtype)
     targets = reference.targets(progress, state.path, times, config.reference)
-    ocp = problem.assemble(targets, measured.offset, parameters.body, task.shapes, obstacles, config)
+    ocp = problem.assemble(targets, parameters.body, task.shapes, obstacles, config)
     x0 = jnp.concatenate([estimate.pose, estimate.twist, measured.offset])
     solver = sqp.solve(ocp, x0, shift(state.solver, horizon.tick / horizon.dt), options(config))
     n = measured.offset.shape[0]

@@ -6,7 +6,6 @@ adapted model; inequalities enter as relaxed barriers.
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -14,7 +13,7 @@ from jaxlocomanip.numerics import pytree, wrap_angle
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planar.geometry import rotate
-from jaxlocomanip.planner import authority, constraints
+from jaxlocomanip.planner import constraints
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.constraints import Motion
 from jaxlocomanip.planner.estimation import ObstacleEstimate
@@ -103,27 +102,27 @@ class PushProblem:
 
 
 def assemble(
-    targets: Targets, offset: Array, body: Body, shapes: Shapes, obstacles: ObstacleEstimate, config: PlannerConfig
+    targets: Targets, body: Body, shapes: Shapes, obstacles: ObstacleEstimate, config: PlannerConfig
 ) -> PushProblem:
     """The problem of one tick.
 
+    Penalising forces against the steady push along the reference, not against zero, is what makes the plan push at once
+    against stiction.
+
     Args:
       targets: reference over the horizon [N + 1].
-      offset: [N_r] current contact offsets.
       body: the object as estimated.
       shapes: geometry.
       obstacles: estimated positions and velocities, extrapolated at constant velocity.
       config: settings.
     """
-    force, arms = jax.vmap(lambda q, v: feed_forward(q, v, offset, body, shapes, config))(
-        targets.pose[:-1], targets.twist[:-1]
-    )
     steps = targets.pose.shape[0] - 1
-    times = config.horizon.dt * jnp.arange(steps, dtype=offset.dtype)
+    times = config.horizon.dt * jnp.arange(steps, dtype=targets.pose.dtype)
     positions = obstacles.position + times[:, None, None] * obstacles.velocity
+    force = jnp.minimum(targets.force[:-1] * body.friction_force, shapes.team.force_max)
     weights, switches = constraints.barriers(shapes, config)
     return PushProblem(
-        stages=StageData(targets.pose[:-1], targets.twist[:-1], force, arms, positions),
+        stages=StageData(targets.pose[:-1], targets.twist[:-1], force, targets.offset[:-1], positions),
         final_pose=targets.pose[-1],
         final_twist=targets.twist[-1],
         body=body,
@@ -133,21 +132,6 @@ def assemble(
         weights=weights,
         switches=switches,
     )
-
-
-def feed_forward(
-    pose: Array, twist: Array, offset: Array, body: Body, shapes: Shapes, config: PlannerConfig
-) -> tuple[Array, Array]:
-    """Forces [N_r] and contact offsets [N_r] that slide the object steadily along a reference twist [3].
-
-    Penalising forces against these, not against zero, is what makes the plan push at once against stiction. A robot that
-    is not needed keeps its current offset [N_r].
-    """
-    twist_B = jnp.concatenate([rotate(-pose[2], twist[:2]), twist[2:]])
-    wrench = authority.sliding_wrench(body, twist_B, config.horizon.smoothing)
-    force, arms, _ = authority.share(shapes.team, wrench, shapes.torsion_radius)
-    blend = force / (force + 2.0)
-    return jnp.minimum(force, shapes.team.force_max), blend * arms + (1.0 - blend) * offset
 
 
 def _error(x: Array, pose: Array, twist: Array) -> Array:

@@ -34,6 +34,10 @@ class Targets:
     """[N + 1, 3]"""
     twist: Array
     """[N + 1, 3]"""
+    force: Array
+    """[N + 1, N_r] steady pushes in multiples of F_c, fading as the reference comes to rest"""
+    offset: Array
+    """[N + 1, N_r] m, contact offsets of those pushes"""
 
 
 def start() -> Progress:
@@ -87,6 +91,8 @@ def targets(progress: Progress, path: Path, times: Array, settings: Reference) -
     ahead, behind = path.at(arc + 0.02), path.at(arc - 0.02)
     span = jnp.minimum(arc + 0.02, path.length) - jnp.maximum(arc - 0.02, 0.0)
     slope = (ahead - behind) / jnp.maximum(span, 1e-3)[:, None]
-    return Targets(path.at(arc), slope * rate[:, None])
+    force, offset = path.feed_forward(arc)
+    moving = rate / (rate + 0.1 * speed)
+    return Targets(path.at(arc), slope * rate[:, None], force * moving[:, None], offset)
 
 

@@ -22,9 +22,12 @@ from jaxlocomanip.planar.geometry import point_distance, rotate
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.shapes import ROBOT_DISCS, Shapes
+from jaxlocomanip.scenario import Team
 
 SAMPLES = 5
 """poses checked along a braking motion"""
+ROOM_TIME = 0.1
+"""s, a robot stops sliding this long before it would be in another's way"""
 
 
 @pytree
@@ -75,7 +78,7 @@ def safety_filter(
       config: settings.
     """
     settings = config.safety
-    forces, rates = candidates(force, rate)
+    forces, rates = candidates(force, keep_room(offset, rate, shapes.team))
     room = jax.vmap(lambda f, r: braking_room(f, r, estimate, offset, obstacles, body, shapes, config))(forces, rates)
     safe = room >= 0.0
     # Without a safe candidate, ties in room go to the earlier one: a standing team does not fidget.
@@ -84,6 +87,13 @@ def safety_filter(
     best = jnp.where(settings.enabled > 0.5, jnp.argmax(score), 0)
     best = jax.lax.stop_gradient(best)
     return Filtered(forces[best], rates[best], best.astype(jnp.int32), room[best])
+
+
+def keep_room(offset: Array, rate: Array, team: Team) -> Array:
+    """Offset rates [N_r] without those that would bring robots into each other's way within `ROOM_TIME`."""
+    ahead = team.pair_rows @ (offset + ROOM_TIME * rate)
+    crowded = (ahead > team.pair_bounds)[:, None] & (team.pair_rows * rate > 0.0)
+    return jnp.where(jnp.any(crowded, axis=0), 0.0, rate)
 
 
 def braking_room(
@@ -98,10 +108,9 @@ def braking_room(
 ) -> Array:
     """[] m, least room beyond the margin on the way to rest after one tick of an input."""
     settings, tick = config.safety, config.horizon.tick
-    frictionless = Body(body.mass / 1.3, body.inertia / 1.3, body.com, jnp.zeros_like(body.mass), jnp.zeros_like(body.mass))
     wrench = dynamics.body_wrench(shapes.team.contact_points(offset), shapes.team.normal, force)
     resisting = jnp.minimum(settings.friction * body.mass * GRAVITY, body.friction_force)
-    careful = Body(frictionless.mass, frictionless.inertia, body.com, resisting, resisting * shapes.torsion_radius)
+    careful = Body(body.mass / 1.3, body.inertia / 1.3, body.com, resisting, resisting * shapes.torsion_radius)
     pose, twist = dynamics.step(careful, estimate.pose, estimate.twist, wrench, tick + settings.lag, 0.0)
     slowing = settings.friction * GRAVITY
     speed, spin = safe_norm(twist[:2]), jnp.abs(twist[2])

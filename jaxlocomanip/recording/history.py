@@ -1,0 +1,111 @@
+"""An episode as NumPy arrays, ready to be drawn."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxlocomanip.closed_loop import Log
+from jaxlocomanip.outcome import CLEAR
+from jaxlocomanip.planner.config import PlannerConfig
+from jaxlocomanip.robots.model import ROBOT_TYPES
+from jaxlocomanip.scenario import Scenario
+
+Floats = NDArray[np.floating[Any]]
+
+
+def as_numpy(tree: Any) -> Any:
+    """The same pytree with NumPy leaves."""
+    return jax.tree.map(np.asarray, tree)
+
+
+class History(NamedTuple):
+    """One episode with NumPy leaves, without the frozen rows after the scenario's duration."""
+
+    scenario: Scenario
+    log: Log
+    """T rows; `path` has as many as `path_times`"""
+    path_times: Floats
+    """[P] s, from when each path is in force"""
+
+
+def history(scenario: Scenario, log: Log) -> History:
+    """An episode as arrays, from a scenario without batch axis and its trajectory."""
+    scenario, log = as_numpy(scenario), as_numpy(log)
+    times = _path_times(log)
+    kept = max(1, int(np.sum(log.time < scenario.duration - 1e-4)))
+    rows = jax.tree.map(lambda leaf: leaf[:kept], dataclasses.replace(log, path=log.time))
+    times = times[times <= rows.time[-1]]
+    return History(scenario, dataclasses.replace(rows, path=log.path[: len(times)]), times)
+
+
+def _path_times(log: Log) -> Floats:
+    """Times of the path searches, which come every so many ticks and whose number is that of the paths."""
+    ticks, paths, default = len(log.time), len(log.path), PlannerConfig()
+    every = round(default.reference.replan / default.horizon.tick)
+    if -(-ticks // every) != paths:
+        every = -(-ticks // max(paths, 1))
+    return log.time[::every][:paths]
+
+
+def robot_names(scenario: Scenario) -> list[str]:
+    """Names of the team's robots, such as `0_aliengo`."""
+    return [f"{i}_{ROBOT_TYPES[int(kind)]}" for i, kind in enumerate(scenario.team.kind)]
+
+
+def to_world(poses: Floats, points: Floats) -> Floats:
+    """Points [..., K, 2] of bodies with poses [..., 3], in world coordinates, m."""
+    c, s = np.cos(poses[..., 2])[..., None], np.sin(poses[..., 2])[..., None]
+    x, y = points[..., 0], points[..., 1]
+    return np.stack([c * x - s * y, s * x + c * y], axis=-1) + poses[..., None, :2]
+
+
+def rectangle(half_length: float, half_width: float) -> Floats:
+    """[4, 2] m, corners of a rectangle about the origin, its length along x, counter-clockwise."""
+    return np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array([half_length, half_width])
+
+
+def contact_points(scenario: Scenario, pose: Floats, offset: Floats) -> Floats:
+    """[T, N_r, 2] m, contact points in the world at object poses [T, 3] and offsets [T, N_r]."""
+    tangent = np.asarray(scenario.team.tangent)
+    return to_world(pose, scenario.team.origin + offset[..., None] * tangent)
+
+
+def push_directions(scenario: Scenario, pose: Floats) -> Floats:
+    """[T, N_r, 2] unit push directions in the world at object poses [T, 3]."""
+    turn = np.concatenate([np.zeros((len(pose), 2)), pose[:, 2:]], axis=1)
+    return to_world(turn, scenario.team.normal)
+
+
+def finite_clearance(distance: Floats) -> Floats:
+    """Distances with NaN where there is nothing to hit."""
+    return np.where(np.abs(distance) < 0.5 * CLEAR, distance, np.nan)
+
+
+def psi_com(psi: Floats) -> Floats:
+    """[..., 2] m, centre of mass of parameter vectors [..., 6]."""
+    return psi[..., 2:4] / psi[..., :1]
+
+
+def goal_errors(scenario: Scenario, pose: Floats) -> tuple[Floats, Floats]:
+    """Distance [T] m and absolute heading error [T] rad of object poses [T, 3] to the goal."""
+    off = pose - scenario.goal.pose
+    return np.hypot(off[:, 0], off[:, 1]), np.abs((off[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def scene_bounds(episode: History) -> tuple[Floats, Floats]:
+    """Lower and upper corner [2], m, of the ground that the episode plays on."""
+    scenario, log, _ = episode
+    margin = 0.4 + float(np.max(np.linalg.norm(scenario.object.vertices, axis=1)))
+    places = [log.view.pose[:, :2], log.view.robots[..., :2].reshape(-1, 2), scenario.goal.pose[None, :2]]
+    low = np.min(np.concatenate(places), axis=0) - margin
+    high = np.max(np.concatenate(places), axis=0) + margin
+    # Obstacles count as far as they are near: one that leaves for the horizon must not shrink the rest.
+    positions = log.obstacles[:, scenario.obstacles.mask].reshape(-1, 2)
+    near = positions[np.all((positions > low - 1.0) & (positions < high + 1.0), axis=1)]
+    places = np.concatenate([near - 0.5, near + 0.5, low[None], high[None]])
+    return np.min(places, axis=0), np.max(places, axis=0)

@@ -1,0 +1,90 @@
+"""The shape of a standing quadruped: the geoms of its packaged MJCF at the stand keyframe, as one mesh.
+
+Only the XML is read, so a recording needs no physics engine.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+from collections.abc import Iterator
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxlocomanip.recording import geometry
+from jaxlocomanip.recording.geometry import Mesh
+from jaxlocomanip.recording.palette import RGB
+from jaxlocomanip.robots.model import load_robot
+
+Floats = NDArray[np.floating[Any]]
+
+_PAINT: dict[str, RGB] = {"dark": (44, 48, 55), "accent": (245, 246, 248), "rubber": (24, 25, 28)}
+"""Colours of the parts by material; the shell takes the robot's own colour."""
+
+
+def quadruped(name: str, color: RGB) -> Mesh:
+    """A standing robot, its shell in `color`.
+
+    Args:
+      name: robot type, one of `robots.model.ROBOT_TYPES`.
+      color: colour of the shell.
+
+    Returns:
+      Mesh in the frame of the robot's rectangle: origin on the ground under the rectangle's centre, x along the
+      heading, z up, m.
+    """
+    path = importlib.resources.files("jaxlocomanip.robots").joinpath(f"{name}.xml")
+    root = ElementTree.fromstring(path.read_text(encoding="utf-8"))
+    parts = [geometry.moved(_part(geom, color), R, p) for geom, R, p in _placed_geoms(root)]
+    model = load_robot(name)
+    # The keyframe's trunk is above the origin; the trunk's origin lies `trunk_offset` behind the contact point.
+    return geometry.moved(geometry.join(parts), np.eye(3), [model.reach - model.trunk_offset, 0.0, 0.0])
+
+
+def _placed_geoms(root: ElementTree.Element) -> Iterator[tuple[ElementTree.Element, Floats, Floats]]:
+    """Every geom with the rotation [3, 3] and the origin [3] m of its body at the stand keyframe."""
+    trunk, key = root.find("worldbody/body[@name='trunk']"), root.find("keyframe/key[@name='stand']")
+    assert trunk is not None and key is not None, "every packaged robot has a trunk and a stand keyframe"
+    qpos = _numbers(key.attrib["qpos"])
+    angles = iter(qpos[7:])  # after the free joint, in document order
+    axes = {d.attrib["class"]: _numbers(j.attrib["axis"]) for d in root.iter("default") for j in d.findall("joint[@axis]")}
+
+    def walk(
+        body: ElementTree.Element, rotation: Floats, origin: Floats
+    ) -> Iterator[tuple[ElementTree.Element, Floats, Floats]]:
+        for joint in body.findall("joint"):
+            rotation = rotation @ _turn(axes[joint.attrib["class"]], next(angles))
+        for geom in body.findall("geom"):
+            yield geom, rotation, origin
+        for child in body.findall("body"):
+            yield from walk(child, rotation, origin + rotation @ _numbers(child.get("pos", "0 0 0")))
+
+    yield from walk(trunk, np.eye(3), qpos[:3])
+
+
+def _part(geom: ElementTree.Element, color: RGB) -> Mesh:
+    """A geom in the frame of its body."""
+    size = _numbers(geom.attrib["size"])
+    material = geom.get("material", "rubber").rpartition("_")[2]
+    paint = _PAINT.get(material, color)
+    center = _numbers(geom.get("pos", "0 0 0"))
+    if geom.attrib["type"] == "box":
+        return geometry.box(center, size, paint)
+    if geom.attrib["type"] == "sphere":
+        return geometry.capsule(center, center, size[0], paint)
+    ends = _numbers(geom.attrib["fromto"])
+    solid = geometry.capsule if geom.attrib["type"] == "capsule" else geometry.cylinder
+    return solid(ends[:3], ends[3:], size[0], paint)
+
+
+def _turn(axis: Floats, angle: float) -> Floats:
+    """Rotation matrix [3, 3] about a unit axis (Rodrigues)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+
+
+def _numbers(text: str) -> Floats:
+    return np.array([float(t) for t in text.split()])

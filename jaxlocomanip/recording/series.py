@@ -1,0 +1,149 @@
+"""The time series of a recording: what is plotted, how it is called and in which tab it stands."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxlocomanip.planar.regressor import FRICTION, MASS, TORSION, from_body
+from jaxlocomanip.recording import palette
+from jaxlocomanip.recording.history import History, finite_clearance, goal_errors, psi_com, robot_names
+from jaxlocomanip.recording.palette import RGB
+
+Floats = NDArray[np.floating[Any]]
+
+LIMIT: RGB = (150, 155, 162)
+"""lines that stand still: limits, tolerances, the truth"""
+FIRST: RGB = (86, 180, 233)
+SECOND: RGB = (240, 170, 60)
+THIRD: RGB = (120, 200, 120)
+
+
+class Line(NamedTuple):
+    """One curve."""
+
+    key: str
+    """last part of the entity's path"""
+    label: str
+    values: Floats
+    """[T], or a single number for a line that stands still"""
+    color: RGB
+    width: float = 2.0
+    steps: bool = False
+    """held from tick to tick instead of joined by slopes"""
+
+
+class Plot(NamedTuple):
+    """Curves that share an axis."""
+
+    tab: str
+    path: str
+    """entity path of its lines' parent"""
+    title: str
+    lines: list[Line]
+    extent: tuple[float, float] | None = None
+    """vertical range, where the data should not decide"""
+
+
+def plots(episode: History) -> list[Plot]:
+    """Every plot of an episode, in the order of display."""
+    return [*_pushing(episode), *_safety(episode), *_adaptation(episode), *_solver(episode)]
+
+
+def _still(key: str, label: str, value: Any) -> Line:
+    return Line(key, label, np.asarray(value, dtype=float).reshape(()), LIMIT, 1.0)
+
+
+def _pushing(episode: History) -> list[Plot]:
+    scenario, log, _ = episode
+    names = robot_names(scenario)
+    forces, offsets = [], []
+    for i, name in enumerate(names):
+        color = palette.robot_color(i)
+        pale: RGB = tuple(int(0.45 * c + 0.55 * 235) for c in color)  # pyright: ignore[reportAssignmentType]
+        forces.append(Line(f"{name}/commanded", f"{name} commanded", log.command.force[:, i], pale, 1.0, True))
+        forces.append(Line(f"{name}/exerted", f"{name} exerted", log.view.force[:, i], color))
+        offsets.append(Line(name, name, log.view.offset[:, i], color))
+    distance, turn = goal_errors(scenario, log.view.pose)
+    errors = [
+        Line("position", "position, m", distance, FIRST),
+        Line("heading", "heading, rad", turn, SECOND),
+        _still("position_tolerance", "position tolerance, m", scenario.goal.position_tolerance),
+        _still("heading_tolerance", "heading tolerance, rad", scenario.goal.heading_tolerance),
+    ]
+    return [
+        Plot("Pushing", "pushing/force", "Push force, N", forces),
+        Plot("Pushing", "pushing/contact_offset", "Contact offset along the face, m", offsets),
+        Plot("Pushing", "pushing/goal_error", "Distance to the goal", errors),
+    ]
+
+
+def _safety(episode: History) -> list[Plot]:
+    _, log, _ = episode
+    apart, report = log.clearances, log.report
+    clearances = [
+        Line("object", "object to obstacles", finite_clearance(apart.object), FIRST),
+        Line("robots", "robots to obstacles", finite_clearance(apart.robots), SECOND),
+        Line("team", "robot to robot", finite_clearance(apart.team), THIRD),
+        _still("contact", "contact", 0.0),
+    ]
+    barriers = [
+        Line("object", "object, m/s²", finite_clearance(report.object_cbf), FIRST),
+        Line("robots", "robots, m/s", finite_clearance(report.robot_cbf), SECOND),
+        _still("limit", "limit", 0.0),
+    ]
+    lyapunov = [Line("condition", "condition, W", report.clf, THIRD), _still("limit", "limit", 0.0)]
+    choice = [Line("choice", "candidate sent", report.filter_choice.astype(float), SECOND, 2.0, True)]
+    return [
+        Plot("Safety", "safety/clearance", "Clearance between true shapes, m (contact below 0)", clearances),
+        Plot("Safety", "safety/barrier", "Barrier conditions (CBF), at least 0", barriers),
+        Plot("Safety", "safety/lyapunov", "Lyapunov condition (CLF), at least 0", lyapunov),
+        Plot("Safety", "safety/filter", "Safety filter (0: the planner's own input)", choice, (-0.5, 8.5)),
+    ]
+
+
+def _adaptation(episode: History) -> list[Plot]:
+    scenario, log, _ = episode
+    psi, truth = log.parameters, scenario.truth
+    true_psi = np.asarray(from_body(truth))
+    com = psi_com(psi)
+
+    def against_truth(key: str, title: str, index: int) -> Plot:
+        lines = [Line("estimate", "estimate", psi[:, index], FIRST), _still("truth", "truth", true_psi[index])]
+        return Plot("Adaptation", f"adaptation/{key}", title, lines)
+
+    centre = [
+        Line("x", "x estimate", com[:, 0], FIRST),
+        Line("y", "y estimate", com[:, 1], SECOND),
+        _still("x_truth", "x truth", truth.com[0]),
+        _still("y_truth", "y truth", truth.com[1]),
+    ]
+    return [
+        against_truth("mass", "Mass, kg", MASS),
+        against_truth("friction_force", "Friction force F_c, N", FRICTION),
+        against_truth("friction_moment", "Friction moment M_c, N m", TORSION),
+        Plot("Adaptation", "adaptation/centre_of_mass", "Centre of mass in the object's frame, m", centre),
+    ]
+
+
+def _solver(episode: History) -> list[Plot]:
+    cost, defect, step, length, status = episode.log.solver.T
+    return [
+        Plot("Solver", "solver/cost", "Objective", [Line("cost", "objective", cost, FIRST)]),
+        Plot(
+            "Solver",
+            "solver/step",
+            "Largest step and dynamics defect",
+            [Line("step", "max |step|", step, FIRST), Line("defect", "defect (l1)", defect, SECOND)],
+        ),
+        Plot("Solver", "solver/length", "Step length taken", [Line("length", "length", length, THIRD, 2.0, True)], (-0.05, 1.05)),
+        Plot(
+            "Solver",
+            "solver/status",
+            "Status (0 converged, 1 iteration limit, 2 no descent, 3 non-finite)",
+            [Line("status", "status", status, SECOND, 2.0, True)],
+            (-0.3, 3.3),
+        ),
+    ]
