@@ -1,6 +1,5 @@
 """From a checked scenario to arrays: geometry, moments, padding, and what does not fit together."""
 
-import copy
 import math
 
 import jax.numpy as jnp
@@ -12,13 +11,19 @@ from jaxlocomanip.checked import InputError
 from jaxlocomanip.planar.dynamics import GRAVITY
 from jaxlocomanip.scenario import stack
 from jaxlocomanip.specification import parse_scenario
-from tests.test_specification import MINIMAL
 
+MINIMAL = {
+    "name": "small",
+    "object": {"size": [0.5, 0.4], "mass": 6.0},
+    "start": {"pose": [0.0, 0.0, 0.0]},
+    "goal": {"pose": [1.0, 0.0, 0.0]},
+    "robots": [{"type": "a1", "face": "-x"}],
+}
 SQUARE = np.array([[-0.25, -0.25], [0.25, -0.25], [0.25, 0.25], [-0.25, 0.25]])
 
 
 def made(**groups):
-    return build(parse_scenario(copy.deepcopy(MINIMAL) | groups))
+    return build(parse_scenario(MINIMAL | groups))
 
 
 def refusal(**groups):

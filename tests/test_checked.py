@@ -1,4 +1,4 @@
-"""Checks of user input: what passes, and that a refusal is one line naming field, value and what is allowed."""
+"""Checks of user input: what passes, and that a refusal is one line with field, value and what is allowed."""
 
 import math
 

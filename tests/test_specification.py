@@ -15,6 +15,10 @@ MINIMAL = {
     "goal": {"pose": [1.0, 0.0, 0.0]},
     "robots": [{"type": "a1", "face": "-x"}],
 }
+BODY = MINIMAL["object"]
+TRIANGLE = [[0, 0], [1, 0], [0, 1]]
+WALK = {"kind": "waypoints", "times": [0, 1], "points": [[2, 2], [3, 3]]}
+CIRCLE = {"shape": "circle", "radius": 0.3, "position": [3, 3]}
 
 
 def changed(**groups):
@@ -45,11 +49,10 @@ def test_defaults_of_a_minimal_scenario():
 
 def test_every_group_is_read():
     sine = {"kind": "sine", "amplitude": [0.5, 0.0], "period": 4.0}
-    walk = {"kind": "waypoints", "times": [0, 1], "points": [[2, 2], [3, 3]]}
     spec = parse_scenario(
         changed(
             duration=5,
-            object={"footprint": [[0, 0], [1, 0], [0, 1]], "mass": 2, "friction": 0.2, "com": [0.1, 0]},
+            object={"footprint": TRIANGLE, "mass": 2, "friction": 0.2, "com": [0.1, 0]},
             truth={"mass": 3, "inertia": 2, "friction": 0.3, "com": [0.2, 0]},
             robots=[{"type": "go1", "face": 2, "offset": 0.1}],
             obstacles=[
@@ -57,9 +60,9 @@ def test_every_group_is_read():
                 {"shape": "circle", "radius": 0.3, "position": [2, 2], "motion": sine},
                 {
                     "shape": "polygon",
-                    "vertices": [[0, 0], [1, 0], [0, 1]],
+                    "vertices": TRIANGLE,
                     "position": [2, 2],
-                    "motion": walk,
+                    "motion": WALK,
                 },
             ],
             sensing={"position_std": 0.01, "command_delay": 0.04},
@@ -88,10 +91,6 @@ def test_box_corners_run_counter_clockwise_like_the_face_names():
     assert turned[0] == pytest.approx((0.5, -1.0))
 
 
-BODY = MINIMAL["object"]
-CIRCLE = {"shape": "circle", "radius": 0.3, "position": [3, 3]}
-
-
 @pytest.mark.parametrize(
     ("groups", "expected"),
     [
@@ -103,7 +102,7 @@ CIRCLE = {"shape": "circle", "radius": 0.3, "position": [3, 3]}
         ({"object": BODY | {"mass": -6}}, "object.mass = -6: must be > 0"),
         ({"object": BODY | {"mass": math.inf}}, "object.mass = inf: must be finite"),
         ({"object": {"mass": 1}}, "object: exactly one of size and footprint"),
-        ({"object": BODY | {"footprint": [[0, 0], [1, 0], [0, 1]]}}, "object: exactly one of size and footprint"),
+        ({"object": BODY | {"footprint": TRIANGLE}}, "object: exactly one of size and footprint"),
         ({"object": BODY | {"size": [0.5, 0.0]}}, "object.size[1] = 0.0: must be > 0"),
         (
             {"object": {"mass": 1, "footprint": [[0, 0], [2, 0], [1, 0.2], [0, 1]]}},
@@ -115,7 +114,7 @@ CIRCLE = {"shape": "circle", "radius": 0.3, "position": [3, 3]}
         ({"goal": {"pose": [0, 0]}}, "goal.pose = [0, 0]: must be 3 numbers"),
         ({"goal": {"pose": [0, 0, 0], "position_tolerance": 0}}, "goal.position_tolerance = 0: must be > 0"),
         ({"robots": []}, "robots: must be a list of at least 1 tables"),
-        ({"robots": [{"type": "spot", "face": "-x"}]}, "robots[0].type = 'spot': must be one of aliengo, a1, go1"),
+        ({"robots": [{"type": "spot", "face": "-x"}]}, "robots[0].type = 'spot': must be one of aliengo, a1"),
         ({"robots": [{"type": "a1", "face": "-z"}]}, "robots[0].face = '-z': must be one of -y, +x, +y, -x"),
         ({"robots": [{"type": "a1", "face": 4}]}, "robots[0].face = 4: must be an edge index from 0 to 3"),
         ({"robots": [{"type": "a1", "face": True}]}, "robots[0].face = True: must be an edge index"),
@@ -124,19 +123,18 @@ CIRCLE = {"shape": "circle", "radius": 0.3, "position": [3, 3]}
         ({"obstacles": [CIRCLE | {"shape": "disc"}]}, "obstacles[0].shape = 'disc': must be one of"),
         ({"obstacles": [CIRCLE, CIRCLE | {"motion": {"kind": "sin"}}]}, "obstacles[1].motion.kind = 'sin'"),
         (
-            {"obstacles": [CIRCLE | {"motion": {"kind": "waypoints", "times": [1, 1], "points": [[0, 0], [1, 1]]}}]},
+            {"obstacles": [CIRCLE | {"motion": WALK | {"times": [1, 1]}}]},
             "obstacles[0].motion.times = [1.0, 1.0]: must increase",
         ),
         ({"sensing": {"position_std": 1.0}}, "sensing.position_std = 1.0: must be >= 0 and <= 0.1"),
     ],
-)  # fmt: skip
+)
 def test_refusals_name_field_value_and_what_is_allowed(groups, expected):
     assert refusal(changed(**groups)).startswith(expected)
 
 
 def test_faces_of_a_polygon_are_indices():
-    triangle = {"footprint": [[0, 0], [1, 0], [0, 1]], "mass": 1.0}
-    text = refusal(changed(object=triangle))
+    text = refusal(changed(object={"footprint": TRIANGLE, "mass": 1.0}))
     assert text == "robots[0].face = '-x': must be an edge index from 0 to 2"
 
 
@@ -144,8 +142,13 @@ def test_errors_of_files_name_the_file(tmp_path):
     missing, broken, binary = tmp_path / "missing.toml", tmp_path / "broken.toml", tmp_path / "binary.toml"
     broken.write_text("name = \n")
     binary.write_bytes(b"\xff\xfe\x00")
-    for path, reason in [(missing, "cannot be read"), (tmp_path, "cannot be read"), (broken, "not valid TOML"),
-                         (binary, "not valid TOML")]:  # fmt: skip
+    unreadable, invalid = "cannot be read", "is not valid TOML"
+    for path, reason in [
+        (missing, unreadable),
+        (tmp_path, unreadable),
+        (broken, invalid),
+        (binary, invalid),
+    ]:
         with pytest.raises(InputError, match=reason) as caught:
             load_scenario(path)
         assert str(caught.value).startswith(str(path))

@@ -8,16 +8,14 @@ tests hold them against Lie derivatives by forward differentiation (`planar.dyna
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import Floats, pytree, safe_norm
+from jaxlocomanip.numerics import Floats, pytree, safe_norm, wrap_angle
 from jaxlocomanip.planar.dynamics import Body, coriolis_matrix, friction_wrench, mass_matrix
-from jaxlocomanip.planar.geometry import feature_distance, nearest_feature, perpendicular, rotate
-from jaxlocomanip.planner.config import Barrier, PlannerConfig
+from jaxlocomanip.planar.geometry import Feature, feature_distance, nearest_feature, perpendicular, rotate
+from jaxlocomanip.planner.config import Barrier, Constraints, PlannerConfig
 from jaxlocomanip.planner.shapes import ROBOT_DISCS, Shapes
 
 
@@ -48,88 +46,144 @@ def bounds(motion: Motion, shapes: Shapes) -> tuple[Array, Array, Array, Array]:
     return force, offset, rate, team.pair_bounds - team.pair_rows @ motion.offset
 
 
-def object_barrier(motion: Motion, shapes: Shapes, position: Array, velocity: Array, config: PlannerConfig) -> Array:
-    """[K N_o] B'' + beta B' + alpha B of the object's discs and the obstacles at `position`, `velocity` [N_o, 2]."""
-    settings = config.constraints
-    theta, omega = motion.pose[2], motion.twist[2]
-    arms = rotate(theta, shapes.object_centers)
-    centers = motion.pose[:2] + arms
-    speeds = motion.twist[:2] + omega * perpendicular(arms)
-    pulls = motion.acceleration[:2] + motion.acceleration[2] * perpendicular(arms) - omega**2 * arms
+@pytree
+class Obstacle:
+    """What the barrier of one disc sees of one obstacle at one stage."""
 
-    def condition(center: Array, speed: Array, pull: Array, radius: Array, obstacle: _Obstacle) -> Array:
-        b, slope, curvature = _barrier(center, speed, pull, radius, obstacle, settings.margin)
-        return curvature + settings.object_beta * slope + settings.object_alpha * b
-
-    return _all_pairs(condition, (centers, speeds, pulls, shapes.object_radii), shapes, position, velocity)
+    feature: Feature
+    """nearest corner or edge, relative to the obstacle's position"""
+    position: Array
+    """[2] m"""
+    velocity: Array
+    """[2] m/s"""
+    clearance: Array
+    """[] m, sum of the radii and the margin"""
 
 
-def robot_barrier(motion: Motion, shapes: Shapes, position: Array, velocity: Array, config: PlannerConfig) -> Array:
-    """[N_r ROBOT_DISCS N_o] B' + alpha B of the robots' discs and the obstacles."""
-    settings = config.constraints
-    theta, omega = motion.pose[2], motion.twist[2]
-    arms = rotate(theta, shapes.robot_centers(motion.offset).reshape(-1, 2))
-    slides = jnp.repeat(motion.offset_rate[:, None] * shapes.team.tangent, ROBOT_DISCS, axis=0)
-    speeds = motion.twist[:2] + omega * perpendicular(arms) + rotate(theta, slides)
-    radii = jnp.repeat(shapes.robot_radii, ROBOT_DISCS)
-
-    def condition(center: Array, speed: Array, radius: Array, obstacle: _Obstacle) -> Array:
-        b, slope, _ = _barrier(center, speed, jnp.zeros_like(speed), radius, obstacle, settings.margin)
-        return slope + settings.robot_alpha * b
-
-    return _all_pairs(condition, (motion.pose[:2] + arms, speeds, radii), shapes, position, velocity)
-
-
-_Obstacle = tuple[Array, Array, Array, Array]
-
-
-def _barrier(
-    center: Array, speed: Array, pull: Array, radius: Array, obstacle: _Obstacle, margin: Floats
-) -> tuple[Array, Array, Array]:
-    """B, B' and B'' of a disc with centre, velocity and acceleration [2] against one obstacle at constant velocity."""
-    place, drift, vertices, rounding = obstacle
-    relative = center - place
-    distance, normal, curvature = feature_distance(relative, nearest_feature(relative, vertices))
-    closing = speed - drift
+def barrier(center: Array, speed: Array, pull: Array, obstacle: Obstacle) -> tuple[Array, Array, Array]:
+    """B, B' and B'' [] of a disc with centre, velocity and acceleration [2] against an obstacle at constant velocity."""
+    distance, normal, curvature = feature_distance(center - obstacle.position, obstacle.feature)
+    closing = speed - obstacle.velocity
     slope = jnp.sum(normal * closing)
     bend = curvature * (jnp.sum(closing * closing) - slope * slope)
-    return distance - rounding - radius - margin, slope, jnp.sum(normal * pull) + bend
+    return distance - obstacle.clearance, slope, jnp.sum(normal * pull) + bend
 
 
-def _all_pairs(
-    condition: Callable[..., Array], discs: tuple[Array, ...], shapes: Shapes, position: Array, velocity: Array
-) -> Array:
-    obstacles = (position, velocity, shapes.obstacle_vertices, shapes.obstacle_radius)
-    over_obstacles = jax.vmap(condition, in_axes=(*([None] * len(discs)), 0))
-    over_discs = jax.vmap(over_obstacles, in_axes=(*([0] * len(discs)), None))
-    return over_discs(*discs, obstacles).reshape(-1)
+def object_condition(center: Array, speed: Array, pull: Array, obstacle: Obstacle, settings: Constraints) -> Array:
+    """[] scaled ECBF condition B'' + beta B' + alpha B of one disc of the object and one obstacle."""
+    b, slope, curvature = barrier(center, speed, pull, obstacle)
+    return settings.cbf_scale * (curvature + settings.object_beta * slope + settings.object_alpha * b)
+
+
+def robot_condition(center: Array, speed: Array, obstacle: Obstacle, settings: Constraints) -> Array:
+    """[] scaled CBF condition B' + alpha B of one disc of a robot and one obstacle."""
+    b, slope, _ = barrier(center, speed, jnp.zeros_like(speed), obstacle)
+    return settings.cbf_scale * (slope + settings.robot_alpha * b)
+
+
+@pytree
+class Obstacles:
+    """Obstacles of one stage as every disc sees them."""
+
+    objects: Obstacle
+    """leaves [K, N_o, ...]"""
+    robots: Obstacle
+    """leaves [N_r ROBOT_DISCS, N_o, ...]"""
+
+
+def look(pose: Array, offset: Array, position: Array, velocity: Array, shapes: Shapes, margin: Floats) -> Obstacles:
+    """Nearest features and clearances of all discs and obstacles, the discs placed at a pose [3] and offsets [N_r]."""
+    robots = shapes.robot_centers(offset).reshape(-1, 2)
+    radii = jnp.repeat(shapes.robot_radii, ROBOT_DISCS)
+
+    def seen(center: Array, radius: Array, place: Array, drift: Array, vertices: Array, rounding: Array) -> Obstacle:
+        relative = pose[:2] + rotate(pose[2], center) - place
+        return Obstacle(nearest_feature(relative, vertices), place, drift, radius + rounding + margin)
+
+    over = jax.vmap(jax.vmap(seen, (None, None, 0, 0, 0, 0)), (0, 0, None, None, None, None))
+    place = (position, velocity, shapes.obstacle_vertices, shapes.obstacle_radius)
+    return Obstacles(over(shapes.object_centers, shapes.object_radii, *place), over(robots, radii, *place))
+
+
+@pytree
+class Discs:
+    """Discs in motion, world frame."""
+
+    centers: Array
+    """[n, 2] m"""
+    speeds: Array
+    """[n, 2] m/s"""
+    pulls: Array
+    """[n, 2] m/s^2"""
+
+
+def object_discs(motion: Motion, shapes: Shapes) -> Discs:
+    """The object's covering discs."""
+    arms = rotate(motion.pose[2], shapes.object_centers)
+    omega = motion.twist[2]
+    return Discs(
+        motion.pose[:2] + arms,
+        motion.twist[:2] + omega * perpendicular(arms),
+        motion.acceleration[:2] + motion.acceleration[2] * perpendicular(arms) - omega**2 * arms,
+    )
+
+
+def robot_discs(motion: Motion, shapes: Shapes) -> Discs:
+    """The robots' discs; their accelerations are not needed and zero."""
+    arms = rotate(motion.pose[2], shapes.robot_centers(motion.offset).reshape(-1, 2))
+    slides = jnp.repeat(motion.offset_rate[:, None] * shapes.team.tangent, ROBOT_DISCS, axis=0)
+    speeds = motion.twist[:2] + motion.twist[2] * perpendicular(arms) + rotate(motion.pose[2], slides)
+    return Discs(motion.pose[:2] + arms, speeds, jnp.zeros_like(arms))
+
+
+def object_conditions(motion: Motion, shapes: Shapes, obstacles: Obstacles, settings: Constraints) -> Array:
+    """[K N_o] scaled ECBF conditions of the object."""
+    discs = object_discs(motion, shapes)
+    one = jax.vmap(object_condition, in_axes=(None, None, None, 0, None))
+    every = jax.vmap(one, in_axes=(0, 0, 0, 0, None))
+    return every(discs.centers, discs.speeds, discs.pulls, obstacles.objects, settings).reshape(-1)
+
+
+def robot_conditions(motion: Motion, shapes: Shapes, obstacles: Obstacles, settings: Constraints) -> Array:
+    """[N_r ROBOT_DISCS N_o] scaled CBF conditions of the robots."""
+    discs = robot_discs(motion, shapes)
+    one = jax.vmap(robot_condition, in_axes=(None, None, 0, None))
+    every = jax.vmap(one, in_axes=(0, 0, 0, None))
+    return every(discs.centers, discs.speeds, obstacles.robots, settings).reshape(-1)
 
 
 def lyapunov_condition(
-    motion: Motion, wrench: Array, body: Body, target: Array, target_twist: Array, config: PlannerConfig, smoothing: Floats
+    pose: Array,
+    twist: Array,
+    wrench: Array,
+    body: Body,
+    target: Array,
+    target_twist: Array,
+    settings: Constraints,
+    smoothing: Floats,
 ) -> Array:
-    """[1] CLF: s'(-tau + H qdd_r + C qd_r + f_k) - 1/2 s' K_D s, with s = qd_e + lambda q_e.
+    """[] CLF: s'(-tau + H qdd_r + C qd_r + f_k) - 1/2 s' K_D s, with s = qd_e + lambda q_e.
 
     Args:
-      motion: state of the stage.
+      pose: [3], twist: [3]: the object's state.
       wrench: tau [3] about p, world axes.
       body: the object as estimated.
       target: [3] reference pose, target_twist: [3] reference velocity.
-      config: gains; optionally divides by 1 + |s| lest a far reference outweigh every barrier.
+      settings: gains; optionally divides by 1 + |s| lest a far reference outweigh every barrier.
       smoothing: m/s, of friction at rest.
     """
-    settings = config.constraints
-    error_rate = motion.twist - target_twist
-    s = error_rate + settings.clf_rate * (motion.pose - target)
-    reference, acceleration = motion.twist - s, -settings.clf_rate * error_rate
-    needed = mass_matrix(body, motion.pose[2]) @ acceleration
-    needed = needed + coriolis_matrix(body, motion.pose[2], motion.twist[2]) @ reference
-    needed = needed + friction_wrench(body, motion.pose[2], motion.twist, smoothing)
-    h = s @ (needed - wrench) - 0.5 * settings.clf_gain * jnp.sum(s * s)
-    return (h / (1.0 + settings.clf_normalised * safe_norm(s)))[None]
+    off = pose - target
+    error_rate = twist - target_twist
+    s = error_rate + settings.clf_rate * jnp.concatenate([off[:2], wrap_angle(off[2:])])
+    reference, acceleration = twist - s, -settings.clf_rate * error_rate
+    needed = mass_matrix(body, pose[2]) @ acceleration
+    needed = needed + coriolis_matrix(body, pose[2], twist[2]) @ reference
+    needed = needed + friction_wrench(body, pose[2], twist, smoothing)
+    h = jnp.sum(s * (needed - wrench)) - 0.5 * settings.clf_gain * jnp.sum(s * s)
+    return h / (1.0 + settings.clf_normalised * safe_norm(s))
 
 
-def barriers(shapes: Shapes, config: PlannerConfig) -> tuple[Array, Array]:
+def barrier_settings(shapes: Shapes, config: PlannerConfig) -> tuple[Array, Array]:
     """Weights rho [nh] and switches eps [nh] of all inequalities, in the order bounds, CLF, object, robots."""
     settings, team = config.constraints, shapes.team
     n = team.offset.shape[0]

@@ -155,9 +155,10 @@ def tick(
     )
     times = horizon.dt * jnp.arange(horizon.steps + 1, dtype=measured.pose.dtype)
     targets = reference.targets(progress, state.path, times, config.reference)
-    ocp = problem.assemble(targets, parameters.body, task.shapes, obstacles, config)
+    warm = shift(state.solver, horizon.tick / horizon.dt)
+    ocp = problem.assemble(targets, warm.plan, parameters.body, task.shapes, obstacles, config)
     x0 = jnp.concatenate([estimate.pose, estimate.twist, measured.offset])
-    solver = sqp.solve(ocp, x0, shift(state.solver, horizon.tick / horizon.dt), options(config))
+    solver = sqp.solve(ocp, x0, warm, options(config))
     n = measured.offset.shape[0]
     first = solver.plan.us[0]
     limits = task.shapes.team

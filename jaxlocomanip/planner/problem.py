@@ -6,6 +6,7 @@ adapted model; inequalities enter as relaxed barriers.
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -13,14 +14,14 @@ from jaxlocomanip.numerics import pytree, wrap_angle
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planar.geometry import rotate
-from jaxlocomanip.planner import constraints
-from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.constraints import Motion
+from jaxlocomanip.planner import constraints, linearisation
+from jaxlocomanip.planner.config import Number, PlannerConfig
+from jaxlocomanip.planner.constraints import Motion, Obstacles
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.penalty import relaxed_barrier
 from jaxlocomanip.planner.reference import Targets
 from jaxlocomanip.planner.shapes import Shapes
-from jaxlocomanip.solver.ocp import Penalty, Stage
+from jaxlocomanip.solver.ocp import Penalty, Plan, Stage, StageModel
 
 
 @pytree
@@ -35,8 +36,8 @@ class StageData:
     """[N, N_r] friction-compensating feed-forward, N"""
     offset: Array
     """[N, N_r] feed-forward of the contact offsets, m"""
-    obstacle_position: Array
-    """[N, N_o, 2] predicted"""
+    obstacles: Obstacles
+    """leaves [N, ...], where obstacles are predicted and which of their features are near"""
 
 
 @pytree
@@ -51,8 +52,6 @@ class PushProblem:
     body: Body
     """the object as estimated"""
     shapes: Shapes
-    obstacle_velocity: Array
-    """[N_o, 2] m/s"""
     config: PlannerConfig
     weights: Array
     """[nh] barrier weights"""
@@ -64,24 +63,22 @@ class PushProblem:
         config, horizon, team = self.config, self.config.horizon, self.shapes.team
         n = team.offset.shape[0]
         force, rate = u[:n], u[n:]
-        points = team.contact_points(x[6:])
-        wrench_B = dynamics.body_wrench(points, team.normal, force)
+        wrench_B = dynamics.body_wrench(team.contact_points(x[6:]), team.normal, force)
         pose, twist = dynamics.step(self.body, x[:3], x[3:6], wrench_B, horizon.dt, horizon.smoothing)
         motion = Motion(x[:3], x[3:6], (twist - x[3:6]) / horizon.dt, force, x[6:], rate)
-        wrench = jnp.concatenate([rotate(x[2], wrench_B[:2]), wrench_B[2:]])
-        where, speed = data.obstacle_position, self.obstacle_velocity
-        clf = constraints.lyapunov_condition(
-            motion, wrench, self.body, data.pose, data.twist, config, horizon.smoothing
+        settings = config.constraints
+        inequality = jnp.concatenate(
+            [
+                *constraints.bounds(motion, self.shapes),
+                self.lyapunov(x[:3], x[3:6], wrench_B, data)[None],
+                constraints.object_conditions(motion, self.shapes, data.obstacles, settings),
+                constraints.robot_conditions(motion, self.shapes, data.obstacles, settings),
+            ]
         )
-        cbf = [
-            config.constraints.cbf_scale * constraints.object_barrier(motion, self.shapes, where, speed, config),
-            config.constraints.cbf_scale * constraints.robot_barrier(motion, self.shapes, where, speed, config),
-        ]
-        inequality = jnp.concatenate([*constraints.bounds(motion, self.shapes), clf, *cbf])
         weights = config.weights
         residual = jnp.concatenate(
             [
-                _error(x, data.pose, data.twist) * _roots(weights.pose, weights.twist),
+                tracking_error(x, data.pose, data.twist) * roots(weights.pose, weights.twist),
                 jnp.sqrt(weights.offset) * (x[6:] - data.offset),
                 jnp.sqrt(weights.force) * (force - data.force),
                 jnp.sqrt(weights.offset_rate) * rate,
@@ -90,19 +87,31 @@ class PushProblem:
         following = jnp.concatenate([pose, twist, x[6:] + horizon.dt * rate])
         return Stage(following, jnp.sqrt(horizon.dt) * residual, inequality)
 
+    def lyapunov(self, pose: Array, twist: Array, wrench_B: Array, data: StageData) -> Array:
+        """[] CLF condition at a state under a wrench [3] in body axes."""
+        wrench = jnp.concatenate([rotate(pose[2], wrench_B[:2]), wrench_B[2:]])
+        settings, smoothing = self.config.constraints, self.config.horizon.smoothing
+        return constraints.lyapunov_condition(
+            pose, twist, wrench, self.body, data.pose, data.twist, settings, smoothing
+        )
+
     def penalty(self, h: Array, data: StageData) -> Penalty:
         """Relaxed barriers, per second of horizon."""
         return relaxed_barrier(h, self.config.horizon.dt * self.weights, self.switches)
 
+    def model(self, x: Array, u: Array, data: StageData) -> StageModel:
+        """Gauss-Newton model; equals `solver.ocp.forward_model`, with the known zeros left out."""
+        return linearisation.stage_model(self, x, u, data)
+
     def terminal(self, x: Array) -> Array:
         """Weighted terminal error."""
         weights = self.config.weights
-        error = _error(x, self.final_pose, self.final_twist)
-        return error * _roots(weights.final_pose, weights.final_twist)
+        error = tracking_error(x, self.final_pose, self.final_twist)
+        return error * roots(weights.final_pose, weights.final_twist)
 
 
 def assemble(
-    targets: Targets, body: Body, shapes: Shapes, obstacles: ObstacleEstimate, config: PlannerConfig
+    targets: Targets, plan: Plan, body: Body, shapes: Shapes, obstacles: ObstacleEstimate, config: PlannerConfig
 ) -> PushProblem:
     """The problem of one tick.
 
@@ -111,6 +120,7 @@ def assemble(
 
     Args:
       targets: reference over the horizon [N + 1].
+      plan: the warm start; decides which corner or edge of an obstacle each disc is held against at each stage.
       body: the object as estimated.
       shapes: geometry.
       obstacles: estimated positions and velocities, extrapolated at constant velocity.
@@ -118,26 +128,33 @@ def assemble(
     """
     steps = targets.pose.shape[0] - 1
     times = config.horizon.dt * jnp.arange(steps, dtype=targets.pose.dtype)
-    positions = obstacles.position + times[:, None, None] * obstacles.velocity
     force = jnp.minimum(targets.force[:-1] * body.friction_force, shapes.team.force_max)
-    weights, switches = constraints.barriers(shapes, config)
+    weights, switches = constraints.barrier_settings(shapes, config)
+
+    def seen(x: Array, time: Array) -> Obstacles:
+        places = obstacles.position + time * obstacles.velocity
+        return constraints.look(x[:3], x[6:], places, obstacles.velocity, shapes, config.constraints.margin)
+
     return PushProblem(
-        stages=StageData(targets.pose[:-1], targets.twist[:-1], force, targets.offset[:-1], positions),
+        stages=StageData(
+            targets.pose[:-1], targets.twist[:-1], force, targets.offset[:-1], jax.vmap(seen)(plan.xs[:-1], times)
+        ),
         final_pose=targets.pose[-1],
         final_twist=targets.twist[-1],
         body=body,
         shapes=shapes,
-        obstacle_velocity=obstacles.velocity,
         config=config,
         weights=weights,
         switches=switches,
     )
 
 
-def _error(x: Array, pose: Array, twist: Array) -> Array:
+def tracking_error(x: Array, pose: Array, twist: Array) -> Array:
+    """[6] difference of a state's pose and twist to a reference, the heading wrapped."""
     off = x[:3] - pose
     return jnp.concatenate([off[:2], wrap_angle(off[2:]), x[3:6] - twist])
 
 
-def _roots(first: tuple, second: tuple) -> Array:
+def roots(first: tuple[Number, ...], second: tuple[Number, ...]) -> Array:
+    """[6] square roots of pose and twist weights."""
     return jnp.sqrt(jnp.stack([jnp.asarray(w, jnp.result_type(float)) for w in (*first, *second)]))

@@ -23,13 +23,12 @@ _OPENING = (0.54, 0.44)
 """tangents of the half-angles that the scene may fill, sideways and upwards, within the viewer's 55 degrees"""
 
 
-def layout(plots: list[Plot], low: Floats, high: Floats, way: Floats) -> rrb.Blueprint:
+def layout(plots: list[Plot], places: Floats, way: Floats) -> rrb.Blueprint:
     """The blueprint of a recording.
 
     Args:
       plots: its time series.
-      low: [2] m, lower corner of what the camera shall show.
-      high: [2] m, upper corner.
+      places: [n, 2] m, what the camera shall show.
       way: [2] m, from start to goal.
     """
     tabs = []
@@ -38,15 +37,15 @@ def layout(plots: list[Plot], low: Floats, high: Floats, way: Floats) -> rrb.Blu
         tabs.append(rrb.Vertical(*views, name=tab))
     about = rrb.TextDocumentView(origin="about", name="About")
     return rrb.Blueprint(
-        rrb.Horizontal(_scene_view(low, high, way), rrb.Tabs(*tabs, about, active_tab=0), column_shares=[5, 3]),
+        rrb.Horizontal(_scene_view(places, way), rrb.Tabs(*tabs, about, active_tab=0), column_shares=[5, 3]),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE),
     )
 
 
-def _scene_view(low: Floats, high: Floats, way: Floats) -> rrb.Spatial3DView:
-    eye, target = camera(low, high, way)
+def _scene_view(places: Floats, way: Floats) -> rrb.Spatial3DView:
+    eye, target = camera(places, way)
     past = rrb.VisibleTimeRanges(
         timeline=TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
     )
@@ -62,12 +61,11 @@ def _scene_view(low: Floats, high: Floats, way: Floats) -> rrb.Spatial3DView:
     )
 
 
-def camera(low: Floats, high: Floats, way: Floats) -> tuple[Floats, Floats]:
-    """Position and target [3], m, of a camera that sees a whole rectangle of ground.
+def camera(places: Floats, way: Floats) -> tuple[Floats, Floats]:
+    """Position and target [3], m, of a camera that sees all places and no more ground than it must.
 
     Args:
-      low: [2] m, lower corner.
-      high: [2] m, upper corner.
+      places: [n, 2] m, on the ground.
       way: [2] m, motion that the camera shall see from the side.
     """
     azimuth = np.arctan2(way[1], way[0]) + _ASIDE
@@ -75,11 +73,18 @@ def camera(low: Floats, high: Floats, way: Floats) -> tuple[Floats, Floats]:
     forward = np.cos(_ELEVATION) * level - np.array([0.0, 0.0, np.sin(_ELEVATION)])
     right = np.array([level[1], -level[0], 0.0])
     up = np.cross(right, forward)
-    target = np.array([*(low + high) / 2.0, 0.0])
-    corners = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])]) - target
-    # At distance D a corner of depth a and b off the axis is seen under the tangent |b| / (D + a).
-    tangents = np.stack([np.abs(corners @ right) / _OPENING[0], np.abs(corners @ up) / _OPENING[1]])
-    return target - np.max(tangents - corners @ forward) * forward, target
+    points = np.column_stack([places, np.zeros(len(places))])
+    eye = points.mean(axis=0) - 3.0 * np.ptp(points, axis=0).max() * forward
+    # Each round centres the picture and scales the distance; perspective makes them depend on each other.
+    for _ in range(20):
+        depth = (points - eye) @ forward
+        seen = np.stack([(points - eye) @ right, (points - eye) @ up]) / depth
+        distance = eye[2] / np.sin(_ELEVATION)
+        middle = (seen.max(axis=1) + seen.min(axis=1)) / 2.0
+        eye = eye + distance * (middle[0] * right + middle[1] * up)
+        too_far = 1.0 - np.max(np.ptp(seen, axis=1) / 2.0 / np.array(_OPENING))
+        eye = eye + 0.5 * too_far * distance * forward
+    return eye, eye + eye[2] / np.sin(_ELEVATION) * forward
 
 
 def _plot_view(plot: Plot) -> rrb.TimeSeriesView:

@@ -47,7 +47,7 @@ _STYLE: dict[str, Any] = {
     "legend.handlelength": 1.6,
     "lines.linewidth": 1.3,
 }
-_OBJECT, _ROBOTS, _TEAM = (0.45, 0.28, 0.08), (0.05, 0.45, 0.70), (0.55, 0.55, 0.60)
+_OBJECT, _ROBOTS, _TEAM = (0.45, 0.28, 0.08), (0.16, 0.17, 0.20), (0.20, 0.62, 0.42)
 _LIMIT: dict[str, Any] = {"color": "0.45", "lw": 0.9, "ls": "--"}
 
 
@@ -64,7 +64,7 @@ def draw_figure(path: Path, name: str, scenario: Scenario, result: Result) -> No
       InputError: Matplotlib is not installed, the result has no trajectory, or the file cannot be written.
     """
     try:
-        import matplotlib
+        from matplotlib import style
         from matplotlib.figure import Figure
     except ImportError as error:
         raise InputError('figures need Matplotlib: pip install "jaxlocomanip[view]"') from error
@@ -76,7 +76,7 @@ def draw_figure(path: Path, name: str, scenario: Scenario, result: Result) -> No
     outcome = as_numpy(result.outcome)
     panels = (_forces, _offsets, _clearances, _barriers, _estimates, _errors)
     picture = io.BytesIO()
-    with matplotlib.rc_context({**matplotlib.rcParamsDefault, **_STYLE, "backend": "agg"}):
+    with style.context(["default", _STYLE]):
         figure = Figure(figsize=SIZE_INCHES, dpi=DPI, layout="constrained")
         grid = figure.add_gridspec(len(panels), 2, width_ratios=(1.12, 1.0))
         draw_plan_view(figure.add_subplot(grid[:, 0]), episode)
@@ -130,6 +130,7 @@ def _forces(axes: Axes, episode: History) -> None:
         axes.axhline(float(scenario.team.force_max[i]), color=color, lw=0.9, ls="--")
     axes.plot([], [], color="0.4", lw=0.7, alpha=0.7, label="commanded")
     axes.plot([], [], **_LIMIT, label=r"$F_{\max}$")
+    axes.set_ylim(top=1.08 * float(max(np.max(log.view.force), np.max(scenario.team.force_max))))
     axes.set_ylabel("push force\n[N]")
 
 
@@ -170,7 +171,9 @@ def _barriers(axes: Axes, episode: History) -> None:
     if np.any(log.report.filter_choice != 0):
         span = axes.get_xaxis_transform()
         held = log.report.filter_choice != 0
-        axes.fill_between(log.time, 0, 1, where=held, transform=span, color="0.8", lw=0, step="post", label="filter acts")
+        axes.fill_between(
+            log.time, 0, 1, where=held, transform=span, color="0.8", lw=0, step="post", label="filter acts"
+        )
     axes.axhline(0.0, **_LIMIT, label="limit")
     axes.set_ylabel("CBF\ncondition")
 

@@ -97,15 +97,23 @@ def goal_errors(scenario: Scenario, pose: Floats) -> tuple[Floats, Floats]:
     return np.hypot(off[:, 0], off[:, 1]), np.abs((off[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def scene_bounds(episode: History) -> tuple[Floats, Floats]:
-    """Lower and upper corner [2], m, of the ground that the episode plays on."""
+def scene_points(episode: History) -> Floats:
+    """[n, 2] m, corners of squares about everything that matters: where the bodies went, the goal, obstacles nearby."""
     scenario, log, _ = episode
-    margin = 0.4 + float(np.max(np.linalg.norm(scenario.object.vertices, axis=1)))
-    places = [log.view.pose[:, :2], log.view.robots[..., :2].reshape(-1, 2), scenario.goal.pose[None, :2]]
-    low = np.min(np.concatenate(places), axis=0) - margin
-    high = np.max(np.concatenate(places), axis=0) + margin
-    # Obstacles count as far as they are near: one that leaves for the horizon must not shrink the rest.
-    positions = log.obstacles[:, scenario.obstacles.mask].reshape(-1, 2)
+    radius = 0.3 + float(np.max(np.linalg.norm(scenario.object.vertices, axis=1)))
+    bodies = [
+        log.view.pose[::10, :2],
+        log.view.robots[::10, :, :2].reshape(-1, 2),
+        scenario.goal.pose[None, :2],
+    ]
+    visited = _squares(np.concatenate(bodies), radius)
+    low, high = visited.min(axis=0), visited.max(axis=0)
+    # An obstacle that leaves for the horizon must not shrink the rest.
+    positions = log.obstacles[::10, scenario.obstacles.mask].reshape(-1, 2)
     near = positions[np.all((positions > low - 1.0) & (positions < high + 1.0), axis=1)]
-    places = np.concatenate([near - 0.5, near + 0.5, low[None], high[None]])
-    return np.min(places, axis=0), np.max(places, axis=0)
+    return np.concatenate([visited, _squares(near, 0.5)])
+
+
+def _squares(centers: Floats, half: float) -> Floats:
+    """[4 n, 2] corners of squares about centres [n, 2]."""
+    return (centers[:, None] + rectangle(half, half)).reshape(-1, 2)

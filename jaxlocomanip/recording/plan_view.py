@@ -11,21 +11,25 @@ from matplotlib.patches import Patch, Polygon
 from numpy.typing import NDArray
 
 from jaxlocomanip.recording import geometry, palette
-from jaxlocomanip.recording.history import History, rectangle, robot_names, scene_bounds, to_world
+from jaxlocomanip.recording.history import History, rectangle, robot_names, scene_points, to_world
 from jaxlocomanip.recording.palette import RGB, unit
 
 Floats = NDArray[np.floating[Any]]
 
 SNAPSHOTS = 7
 """number of instants at which bodies are drawn"""
+PROPORTION = 1.2
+"""height of the panel over its width"""
+TURN_LENGTH = 0.3
+"""m, way that a turn by one rad counts for"""
 FAINTEST = 0.22
 """opacity of the first snapshot; the last is opaque"""
 
 
 def draw_plan_view(axes: Axes, episode: History) -> None:
-    """Draw an episode from above: bodies at even intervals of time, fading into the past, and the lines they follow."""
+    """Draw an episode from above: bodies at even intervals of the object's way, fading into the past, and the lines."""
     scenario, log, _ = episode
-    rows = snapshot_rows(log.time, log.view.pose)
+    rows = snapshot_rows(log.view.pose)
     fades = np.linspace(FAINTEST, 1.0, len(rows))
     for path in log.path:
         axes.plot(path[:, 0], path[:, 1], color=unit(palette.PATH), lw=0.7, alpha=0.45, zorder=2)
@@ -39,26 +43,34 @@ def draw_plan_view(axes: Axes, episode: History) -> None:
         layer = 3.0 + fade
         _fill(axes, to_world(log.view.pose[row], footprint), palette.OBJECT, fade, layer)
         for i, pose in enumerate(log.view.robots[row]):
-            _draw_robot(axes, pose, rectangle(half_length[i], half_width[i]), palette.robot_color(i), fade, layer)
+            _draw_robot(
+                axes, pose, rectangle(half_length[i], half_width[i]), palette.robot_color(i), fade, layer
+            )
     _label_times(axes, episode, rows)
-    low, high = scene_bounds(episode)
+    low, high = _fitted(scene_points(episode))
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="y [m]")
-    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_aspect("equal", adjustable="box")
     axes.grid(color="0.92", lw=0.8)
     axes.set_axisbelow(True)
-    axes.legend(handles=_legend(episode), loc="upper center", bbox_to_anchor=(0.5, -0.07), ncols=4, frameon=False)
+    axes.legend(
+        handles=_legend(episode), loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=5, frameon=False
+    )
 
 
-def snapshot_rows(time: Floats, pose: Floats) -> NDArray[np.integer[Any]]:
-    """Rows of the log at even intervals from the start until the object has come to its last place.
+def snapshot_rows(pose: Floats) -> NDArray[np.integer[Any]]:
+    """Rows of poses [T, 3] at even intervals of the way, on which a turn by one rad counts as `TURN_LENGTH`."""
+    scaled = pose * np.array([1.0, 1.0, TURN_LENGTH])
+    way = np.cumsum(np.linalg.norm(np.diff(scaled, axis=0, prepend=scaled[:1]), axis=1))
+    return np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], SNAPSHOTS)).clip(max=len(pose) - 1))
 
-    Args:
-      time: [T] s.
-      pose: [T, 3] m, m, rad.
-    """
-    away = np.linalg.norm(pose - pose[-1], axis=1) > 0.03
-    last = min(int(np.flatnonzero(away)[-1]) + 1, len(time) - 1) if away.any() else 0
-    return np.unique(np.round(np.linspace(0, last, SNAPSHOTS)).astype(int))
+
+def _fitted(places: Floats) -> tuple[Floats, Floats]:
+    """Lower and upper corner [2] of the least rectangle of the panel's proportions about places [n, 2]."""
+    low, high = places.min(axis=0), places.max(axis=0)
+    size = high - low
+    wanted = np.maximum(size, np.array([size[1] / PROPORTION, size[0] * PROPORTION]))
+    middle = (low + high) / 2.0
+    return middle - wanted / 2.0, middle + wanted / 2.0
 
 
 def _fill(axes: Axes, corners: Floats, color: RGB, fade: float, layer: float) -> None:
@@ -82,7 +94,9 @@ def _draw_obstacles(axes: Axes, episode: History, rows: NDArray[np.integer[Any]]
         shape = geometry.outline(obstacles.vertices[k], float(obstacles.radius[k]))
         if not obstacles.dynamic[k]:
             color = unit(palette.OBSTACLE)
-            patch = Polygon(shape + log.obstacles[0, k], fc=color, ec=(*(0.6 * np.array(color)), 1.0), lw=1.1, zorder=2.5)
+            patch = Polygon(
+                shape + log.obstacles[0, k], fc=color, ec=(*(0.6 * np.array(color)), 1.0), lw=1.1, zorder=2.5
+            )
             axes.add_patch(patch)
             continue
         way = log.obstacles[: rows[-1] + 1, k]
@@ -115,7 +129,14 @@ def _label_times(axes: Axes, episode: History, rows: NDArray[np.integer[Any]]) -
             box = {"boxstyle": "round,pad=0.18", "fc": "white", "ec": "none", "alpha": 0.75}
             text = f"{log.time[row]:.0f} s"
             axes.annotate(
-                text, tuple(place), (0, 9), textcoords="offset points", ha="center", fontsize=8, zorder=9, bbox=box
+                text,
+                tuple(place),
+                (0, 9),
+                textcoords="offset points",
+                ha="center",
+                fontsize=8,
+                zorder=9,
+                bbox=box,
             )
 
 
@@ -133,7 +154,9 @@ def _legend(episode: History) -> list[Any]:
     if np.any(dynamic):
         handles.append(body(palette.MOVING_OBSTACLE, "moving obstacle"))
     trail = unit(palette.TRAIL)
-    handles.append(Line2D([], [], color=trail, lw=1.6, marker="o", mfc="white", mec=trail, label="object's way, start"))
+    handles.append(
+        Line2D([], [], color=trail, lw=1.6, marker="o", mfc="white", mec=trail, label="object's way, start")
+    )
     handles.append(Line2D([], [], color=unit(palette.PATH), lw=0.8, label="paths searched"))
     handles.append(Line2D([], [], color=unit(palette.GOAL), lw=1.8, ls=(0, (4, 2)), label="goal, tolerance"))
     return handles

@@ -49,7 +49,11 @@ def _placed_geoms(root: ElementTree.Element) -> Iterator[tuple[ElementTree.Eleme
     assert trunk is not None and key is not None, "every packaged robot has a trunk and a stand keyframe"
     qpos = _numbers(key.attrib["qpos"])
     angles = iter(qpos[7:])  # after the free joint, in document order
-    axes = {d.attrib["class"]: _numbers(j.attrib["axis"]) for d in root.iter("default") for j in d.findall("joint[@axis]")}
+    axes = {
+        d.attrib["class"]: _numbers(j.attrib["axis"])
+        for d in root.iter("default")
+        for j in d.findall("joint[@axis]")
+    }
 
     def walk(
         body: ElementTree.Element, rotation: Floats, origin: Floats

@@ -21,7 +21,7 @@ from jaxlocomanip.recording.history import (
     history,
     push_directions,
     robot_names,
-    scene_bounds,
+    scene_points,
     to_world,
 )
 from jaxlocomanip.recording.quadruped import quadruped
@@ -67,10 +67,11 @@ def write_recording(path: Path, name: str, scenario: Scenario, log: Log) -> None
     memory = recording.memory_recording()
     recording.send_recording_name(name)
     curves = plots(episode)
-    low, high = scene_bounds(episode)
-    recording.send_blueprint(layout(curves, low, high, episode.scenario.goal.pose[:2] - episode.scenario.start[:2]))
+    places = scene_points(episode)
+    way = episode.scenario.goal.pose[:2] - episode.scenario.start[:2]
+    recording.send_blueprint(layout(curves, places, way))
     recording.log("about", rr.TextDocument(_about(name, episode), media_type="text/markdown"), static=True)
-    _send_ground(recording, episode, low, high)
+    _send_ground(recording, episode, places)
     _send_bodies(recording, episode)
     _send_obstacles(recording, episode)
     _send_forces(recording, episode)
@@ -110,14 +111,24 @@ def _columns(recording: RecordingStream, path: str, times: Floats, columns: Iter
 
     from jaxlocomanip.recording.blueprint import TIMELINE
 
-    recording.send_columns(path, indexes=[rr.TimeColumn(TIMELINE, duration=times.astype(float))], columns=columns)
+    recording.send_columns(
+        path, indexes=[rr.TimeColumn(TIMELINE, duration=times.astype(float))], columns=columns
+    )
 
 
 def _send_line(recording: RecordingStream, path: str, line: Line, times: Floats) -> None:
     import rerun as rr
 
     mode = rr.components.InterpolationMode.StepAfter if line.steps else rr.components.InterpolationMode.Linear
-    style = rr.SeriesLines(colors=line.color, widths=line.width, names=line.label, interpolation_mode=mode)
+    # From afar several ticks share a pixel: the mean of two states would be a state that never was.
+    policy = rr.components.AggregationPolicy.MinMax if line.steps else rr.components.AggregationPolicy.Average
+    style = rr.SeriesLines(
+        colors=line.color,
+        widths=line.width,
+        names=line.label,
+        interpolation_mode=mode,
+        aggregation_policy=policy,
+    )
     recording.log(path, style, static=True)
     if line.values.ndim == 0:
         times = times[[0, -1]] if len(times) > 1 else times
@@ -159,16 +170,20 @@ def _lifted(points: Floats, height: float) -> Floats:
     return np.concatenate([points[..., :2], np.full((*points.shape[:-1], 1), height)], axis=-1)
 
 
-def _send_ground(recording: RecordingStream, episode: History, low: Floats, high: Floats) -> None:
+def _send_ground(recording: RecordingStream, episode: History, places: Floats) -> None:
     import rerun as rr
 
     scenario = episode.scenario
-    low, high = np.floor(low), np.ceil(high)
-    plane = geometry.prism(np.array([low, [high[0], low[1]], high, [low[0], high[1]]]), -0.02, 0.0, palette.GROUND)
+    low, high = np.floor(places.min(axis=0)), np.ceil(places.max(axis=0))
+    plane = geometry.prism(
+        np.array([low, [high[0], low[1]], high, [low[0], high[1]]]), -0.02, 0.0, palette.GROUND
+    )
     _send_mesh(recording, "world/ground", plane)
     lines = [[[x, low[1], 0.002], [x, high[1], 0.002]] for x in np.arange(low[0], high[0] + 0.5)]
     lines += [[[low[0], y, 0.002], [high[0], y, 0.002]] for y in np.arange(low[1], high[1] + 0.5)]
-    recording.log("world/ground/grid", rr.LineStrips3D(lines, radii=0.004, colors=(196, 201, 208)), static=True)
+    recording.log(
+        "world/ground/grid", rr.LineStrips3D(lines, radii=0.004, colors=(196, 201, 208)), static=True
+    )
 
     pose, goal = scenario.goal.pose, "world/goal"
     footprint = geometry.outline(scenario.object.vertices, 0.0)
@@ -195,7 +210,9 @@ def _send_bodies(recording: RecordingStream, episode: History) -> None:
     _send_mesh(recording, "world/object", geometry.prism(footprint, 0.0, height, palette.OBJECT))
     edges = [_closed(footprint, height), _closed(footprint, 0.004)]
     edges += [np.array([[*p, 0.0], [*p, height]]) for p in footprint]
-    recording.log("world/object/edges", rr.LineStrips3D(edges, radii=0.006, colors=palette.TRAIL), static=True)
+    recording.log(
+        "world/object/edges", rr.LineStrips3D(edges, radii=0.006, colors=palette.TRAIL), static=True
+    )
     _send_poses(recording, "world/object", log.time, log.view.pose)
     top = height + 0.01
     truth = rr.Points3D([*scenario.truth.com, top], radii=0.03, colors=palette.INK)
@@ -206,7 +223,9 @@ def _send_bodies(recording: RecordingStream, episode: History) -> None:
     _columns(recording, estimate, log.time, rr.Points3D.columns(positions=_lifted(com, top + 0.02)))
     for i, name in enumerate(robot_names(scenario)):
         path = f"world/robots/{name}"
-        _send_mesh(recording, path, quadruped(ROBOT_TYPES[int(scenario.team.kind[i])], palette.robot_color(i)))
+        _send_mesh(
+            recording, path, quadruped(ROBOT_TYPES[int(scenario.team.kind[i])], palette.robot_color(i))
+        )
         _send_poses(recording, path, log.time, log.view.robots[:, i])
 
 

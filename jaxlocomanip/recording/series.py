@@ -16,9 +16,11 @@ Floats = NDArray[np.floating[Any]]
 
 LIMIT: RGB = (150, 155, 162)
 """lines that stand still: limits, tolerances, the truth"""
-FIRST: RGB = (86, 180, 233)
-SECOND: RGB = (240, 170, 60)
-THIRD: RGB = (120, 200, 120)
+FIRST: RGB = (110, 205, 235)
+SECOND: RGB = (240, 140, 180)
+THIRD: RGB = (130, 205, 140)
+OBJECT: RGB = palette.OBJECT
+ROBOTS: RGB = (228, 231, 235)
 
 
 class Line(NamedTuple):
@@ -48,8 +50,9 @@ class Plot(NamedTuple):
 
 
 def plots(episode: History) -> list[Plot]:
-    """Every plot of an episode, in the order of display."""
-    return [*_pushing(episode), *_safety(episode), *_adaptation(episode), *_solver(episode)]
+    """Every plot of an episode, in the order of display; curves without a finite value are left out."""
+    every = [*_pushing(episode), *_safety(episode), *_adaptation(episode), *_solver(episode)]
+    return [p._replace(lines=[line for line in p.lines if np.isfinite(line.values).any()]) for p in every]
 
 
 def _still(key: str, label: str, value: Any) -> Line:
@@ -63,12 +66,14 @@ def _pushing(episode: History) -> list[Plot]:
     for i, name in enumerate(names):
         color = palette.robot_color(i)
         pale: RGB = tuple(int(0.45 * c + 0.55 * 235) for c in color)  # pyright: ignore[reportAssignmentType]
-        forces.append(Line(f"{name}/commanded", f"{name} commanded", log.command.force[:, i], pale, 1.0, True))
+        forces.append(
+            Line(f"{name}/commanded", f"{name} commanded", log.command.force[:, i], pale, 1.0, True)
+        )
         forces.append(Line(f"{name}/exerted", f"{name} exerted", log.view.force[:, i], color))
         offsets.append(Line(name, name, log.view.offset[:, i], color))
     distance, turn = goal_errors(scenario, log.view.pose)
     errors = [
-        Line("position", "position, m", distance, FIRST),
+        Line("position", "position, m", distance, THIRD),
         Line("heading", "heading, rad", turn, SECOND),
         _still("position_tolerance", "position tolerance, m", scenario.goal.position_tolerance),
         _still("heading_tolerance", "heading tolerance, rad", scenario.goal.heading_tolerance),
@@ -84,17 +89,17 @@ def _safety(episode: History) -> list[Plot]:
     _, log, _ = episode
     apart, report = log.clearances, log.report
     clearances = [
-        Line("object", "object to obstacles", finite_clearance(apart.object), FIRST),
-        Line("robots", "robots to obstacles", finite_clearance(apart.robots), SECOND),
+        Line("object", "object to obstacles", finite_clearance(apart.object), OBJECT),
+        Line("robots", "robots to obstacles", finite_clearance(apart.robots), ROBOTS),
         Line("team", "robot to robot", finite_clearance(apart.team), THIRD),
         _still("contact", "contact", 0.0),
     ]
     barriers = [
-        Line("object", "object, m/s²", finite_clearance(report.object_cbf), FIRST),
-        Line("robots", "robots, m/s", finite_clearance(report.robot_cbf), SECOND),
+        Line("object", "object, m/s²", finite_clearance(report.object_cbf), OBJECT),
+        Line("robots", "robots, m/s", finite_clearance(report.robot_cbf), ROBOTS),
         _still("limit", "limit", 0.0),
     ]
-    lyapunov = [Line("condition", "condition, W", report.clf, THIRD), _still("limit", "limit", 0.0)]
+    lyapunov = [Line("condition", "condition", report.clf, THIRD), _still("limit", "limit", 0.0)]
     choice = [Line("choice", "candidate sent", report.filter_choice.astype(float), SECOND, 2.0, True)]
     return [
         Plot("Safety", "safety/clearance", "Clearance between true shapes, m (contact below 0)", clearances),
@@ -111,7 +116,10 @@ def _adaptation(episode: History) -> list[Plot]:
     com = psi_com(psi)
 
     def against_truth(key: str, title: str, index: int) -> Plot:
-        lines = [Line("estimate", "estimate", psi[:, index], FIRST), _still("truth", "truth", true_psi[index])]
+        lines = [
+            Line("estimate", "estimate", psi[:, index], FIRST),
+            _still("truth", "truth", true_psi[index]),
+        ]
         return Plot("Adaptation", f"adaptation/{key}", title, lines)
 
     centre = [
@@ -138,7 +146,13 @@ def _solver(episode: History) -> list[Plot]:
             "Largest step and dynamics defect",
             [Line("step", "max |step|", step, FIRST), Line("defect", "defect (l1)", defect, SECOND)],
         ),
-        Plot("Solver", "solver/length", "Step length taken", [Line("length", "length", length, THIRD, 2.0, True)], (-0.05, 1.05)),
+        Plot(
+            "Solver",
+            "solver/length",
+            "Step length taken",
+            [Line("length", "length", length, THIRD, 2.0, True)],
+            (-0.05, 1.05),
+        ),
         Plot(
             "Solver",
             "solver/status",

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
+import jax
+import jax.numpy as jnp
 from jax import Array
 
 from jaxlocomanip.numerics import pytree
@@ -41,6 +43,22 @@ class Penalty:
 
 
 @pytree
+class StageModel:
+    """Gauss-Newton model of one stage in z = [x, u]."""
+
+    hessian: Array
+    """[nz, nz] J_r' J_r + J_h' diag(P'') J_h"""
+    gradient: Array
+    """[nz] of the stage cost"""
+    dynamics: Array
+    """[nx, nz] Jacobian of f_k"""
+    next_state: Array
+    """[nx] f_k"""
+    cost: Array
+    """[] stage cost"""
+
+
+@pytree
 class Plan:
     """State and input trajectory."""
 
@@ -66,6 +84,37 @@ class Problem(Protocol):
         """Penalise the inequalities h [nh] of one stage."""
         ...
 
+    def model(self, x: Array, u: Array, data: Any) -> StageModel:
+        """Gauss-Newton model of one stage; `forward_model` serves any problem, a structured one may be faster."""
+        ...
+
     def terminal(self, x: Array) -> Array:
         """Weighted terminal residual r_N(x) [nf]."""
         ...
+
+
+def stage_cost(problem: Problem, x: Array, u: Array, data: Any) -> tuple[Array, Array]:
+    """Cost [] and next state [nx] of one stage."""
+    values = problem.stage(x, u, data)
+    cost = 0.5 * jnp.sum(values.residual**2) + jnp.sum(problem.penalty(values.inequality, data).value)
+    return cost, values.next_state
+
+
+def forward_model(problem: Problem, x: Array, u: Array, data: Any) -> StageModel:
+    """Gauss-Newton model of one stage by forward differentiation of `problem.stage`."""
+    nx = x.shape[0]
+
+    def values(z: Array) -> tuple[Stage, Stage]:
+        stage = problem.stage(z[:nx], z[nx:], data)
+        return stage, stage
+
+    jacobian, value = jax.jacfwd(values, has_aux=True)(jnp.concatenate([x, u]))
+    penalty = problem.penalty(value.inequality, data)
+    rows = jacobian.inequality
+    return StageModel(
+        hessian=jacobian.residual.T @ jacobian.residual + rows.T @ (penalty.curvature[:, None] * rows),
+        gradient=jacobian.residual.T @ value.residual + rows.T @ penalty.slope,
+        dynamics=jacobian.next_state,
+        next_state=value.next_state,
+        cost=0.5 * jnp.sum(value.residual**2) + jnp.sum(penalty.value),
+    )

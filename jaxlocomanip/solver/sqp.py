@@ -18,8 +18,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxlocomanip.numerics import all_finite, pytree, select, static
-from jaxlocomanip.solver.ocp import Plan, Problem, Stage
-from jaxlocomanip.solver.riccati import Direction, LinearQuadratic
+from jaxlocomanip.solver.ocp import Plan, Problem, stage_cost
+from jaxlocomanip.solver.riccati import LinearQuadratic
 from jaxlocomanip.solver.riccati import solve as solve_lq
 
 
@@ -104,40 +104,23 @@ def solve(problem: Problem, x0: Array, iterate: Iterate, options: Options) -> It
 def evaluate(problem: Problem, plan: Plan) -> tuple[Array, Array]:
     """Objective [] and l1 norm [] of the dynamics defects of a plan."""
 
-    def one(x: Array, u: Array, data: object) -> tuple[Array, Array]:
-        values = problem.stage(x, u, data)
-        cost = 0.5 * jnp.sum(values.residual**2) + jnp.sum(problem.penalty(values.inequality, data).value)
-        return cost, values.next_state
-
-    costs, nexts = jax.vmap(one)(plan.xs[:-1], plan.us, problem.stages)
+    costs, nexts = jax.vmap(lambda x, u, data: stage_cost(problem, x, u, data))(
+        plan.xs[:-1], plan.us, problem.stages
+    )
     final = 0.5 * jnp.sum(problem.terminal(plan.xs[-1]) ** 2)
     return jnp.sum(costs) + final, jnp.sum(jnp.abs(nexts - plan.xs[1:]))
 
 
 def linearise(problem: Problem, plan: Plan) -> tuple[LinearQuadratic, Array]:
     """Gauss-Newton model at a plan (penalty Hessian J' diag(P'') J), and the objective []."""
-    nx = plan.xs.shape[1]
-
-    def one(x: Array, u: Array, data: object) -> tuple[Array, ...]:
-        z = jnp.concatenate([x, u])
-
-        def values(z: Array) -> tuple[Stage, Stage]:
-            stage = problem.stage(z[:nx], z[nx:], data)
-            return stage, stage
-
-        jacobian, value = jax.jacfwd(values, has_aux=True)(z)
-        penalty = problem.penalty(value.inequality, data)
-        rows = jacobian.inequality
-        hessian = jacobian.residual.T @ jacobian.residual + rows.T @ (penalty.curvature[:, None] * rows)
-        gradient = jacobian.residual.T @ value.residual + rows.T @ penalty.slope
-        cost = 0.5 * jnp.sum(value.residual**2) + jnp.sum(penalty.value)
-        return hessian, gradient, jacobian.next_state, value.next_state, cost
-
-    hessian, gradient, dynamics, nexts, costs = jax.vmap(one)(plan.xs[:-1], plan.us, problem.stages)
+    models = jax.vmap(problem.model)(plan.xs[:-1], plan.us, problem.stages)
     residual = problem.terminal(plan.xs[-1])
     rows = jax.jacfwd(problem.terminal)(plan.xs[-1])
-    lq = LinearQuadratic(hessian, gradient, dynamics, nexts - plan.xs[1:], rows.T @ rows, rows.T @ residual)
-    return lq, jnp.sum(costs) + 0.5 * jnp.sum(residual**2)
+    defect = models.next_state - plan.xs[1:]
+    lq = LinearQuadratic(
+        models.hessian, models.gradient, models.dynamics, defect, rows.T @ rows, rows.T @ residual
+    )
+    return lq, jnp.sum(models.cost) + 0.5 * jnp.sum(residual**2)
 
 
 def _iteration(problem: Problem, iterate: Iterate, options: Options) -> Iterate:
@@ -176,5 +159,3 @@ def _iteration(problem: Problem, iterate: Iterate, options: Options) -> Iterate:
         result.status.astype(jnp.int32),
     )
 
-
-__all__ = ["Direction", "Iterate", "Options", "Status", "evaluate", "linearise", "solve", "start"]
