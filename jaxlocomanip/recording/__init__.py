@@ -1,0 +1,1 @@
+"""What people look at: recordings for the Rerun viewer, figures and summaries."""

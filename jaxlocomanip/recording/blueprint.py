@@ -18,9 +18,9 @@ TIMELINE = "sim_time"
 _ELEVATION = 0.85
 """rad, how steeply the camera looks down"""
 _ASIDE = 1.15
-"""rad, how far the camera looks to the left of the way from start to goal: the team moves to the right and away"""
+"""rad, how far left of the way from start to goal the camera looks: the team moves to the right and away"""
 _OPENING = (0.54, 0.44)
-"""tangents of the half-angles that the scene may fill, sideways and upwards, within the viewer's 55 degrees"""
+"""tangents of the half-angles that the scene may fill, sideways and upwards; the viewer opens 55 degrees"""
 
 
 def layout(plots: list[Plot], places: Floats, way: Floats) -> rrb.Blueprint:

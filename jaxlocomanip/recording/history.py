@@ -26,9 +26,10 @@ def as_numpy(tree: Any) -> Any:
 class History(NamedTuple):
     """One episode with NumPy leaves, without the frozen rows after the scenario's duration."""
 
-    scenario: Scenario
-    log: Log
-    """T rows; `path` has as many as `path_times`"""
+    scenario: Any
+    """`Scenario` of NumPy arrays"""
+    log: Any
+    """`Log` of NumPy arrays, T rows; `path` has as many as `path_times`"""
     path_times: Floats
     """[P] s, from when each path is in force"""
 
@@ -43,7 +44,7 @@ def history(scenario: Scenario, log: Log) -> History:
     return History(scenario, dataclasses.replace(rows, path=log.path[: len(times)]), times)
 
 
-def _path_times(log: Log) -> Floats:
+def _path_times(log: Any) -> Floats:
     """Times of the path searches, which come every so many ticks and whose number is that of the paths."""
     ticks, paths, default = len(log.time), len(log.path), PlannerConfig()
     every = round(default.reference.replan / default.horizon.tick)
@@ -69,13 +70,13 @@ def rectangle(half_length: float, half_width: float) -> Floats:
     return np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array([half_length, half_width])
 
 
-def contact_points(scenario: Scenario, pose: Floats, offset: Floats) -> Floats:
+def contact_points(scenario: Any, pose: Floats, offset: Floats) -> Floats:
     """[T, N_r, 2] m, contact points in the world at object poses [T, 3] and offsets [T, N_r]."""
     tangent = np.asarray(scenario.team.tangent)
     return to_world(pose, scenario.team.origin + offset[..., None] * tangent)
 
 
-def push_directions(scenario: Scenario, pose: Floats) -> Floats:
+def push_directions(scenario: Any, pose: Floats) -> Floats:
     """[T, N_r, 2] unit push directions in the world at object poses [T, 3]."""
     turn = np.concatenate([np.zeros((len(pose), 2)), pose[:, 2:]], axis=1)
     return to_world(turn, scenario.team.normal)
@@ -98,7 +99,7 @@ def goal_errors(scenario: Scenario, pose: Floats) -> tuple[Floats, Floats]:
 
 
 def scene_points(episode: History) -> Floats:
-    """[n, 2] m, corners of squares about everything that matters: where the bodies went, the goal, obstacles nearby."""
+    """[n, 2] m, corners of squares about what matters: the ways of all bodies, the goal, near obstacles."""
     scenario, log, _ = episode
     radius = 0.3 + float(np.max(np.linalg.norm(scenario.object.vertices, axis=1)))
     bodies = [

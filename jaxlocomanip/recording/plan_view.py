@@ -27,7 +27,7 @@ FAINTEST = 0.22
 
 
 def draw_plan_view(axes: Axes, episode: History) -> None:
-    """Draw an episode from above: bodies at even intervals of the object's way, fading into the past, and the lines."""
+    """Draw an episode from above: bodies at even intervals of the way, fading into the past."""
     scenario, log, _ = episode
     rows = snapshot_rows(log.view.pose)
     fades = np.linspace(FAINTEST, 1.0, len(rows))
@@ -58,7 +58,7 @@ def draw_plan_view(axes: Axes, episode: History) -> None:
 
 
 def snapshot_rows(pose: Floats) -> NDArray[np.integer[Any]]:
-    """Rows of poses [T, 3] at even intervals of the way, on which a turn by one rad counts as `TURN_LENGTH`."""
+    """Rows of poses [T, 3] at even intervals of the way, on which a rad of turn counts as `TURN_LENGTH`."""
     scaled = pose * np.array([1.0, 1.0, TURN_LENGTH])
     way = np.cumsum(np.linalg.norm(np.diff(scaled, axis=0, prepend=scaled[:1]), axis=1))
     return np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], SNAPSHOTS)).clip(max=len(pose) - 1))

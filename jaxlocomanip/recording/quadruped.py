@@ -32,14 +32,14 @@ def quadruped(name: str, color: RGB) -> Mesh:
       color: colour of the shell.
 
     Returns:
-      Mesh in the frame of the robot's rectangle: origin on the ground under the rectangle's centre, x along the
-      heading, z up, m.
+      Mesh in the frame of the robot's rectangle: origin on the ground under its centre, x along the heading,
+      z up, m.
     """
     path = importlib.resources.files("jaxlocomanip.robots").joinpath(f"{name}.xml")
     root = ElementTree.fromstring(path.read_text(encoding="utf-8"))
     parts = [geometry.moved(_part(geom, color), R, p) for geom, R, p in _placed_geoms(root)]
     model = load_robot(name)
-    # The keyframe's trunk is above the origin; the trunk's origin lies `trunk_offset` behind the contact point.
+    # The keyframe's trunk is above the origin and lies `trunk_offset` behind the contact point.
     return geometry.moved(geometry.join(parts), np.eye(3), [model.reach - model.trunk_offset, 0.0, 0.0])
 
 
