@@ -166,10 +166,11 @@ def friction_step(inertia: Array, force: Array, moment: Array, free: Array, h: F
       h: time step, s.
       smoothing: m/s, width of the smoothed transition to rest in s.
     """
+    # The floors keep 1 / drop^3 within float32 for a frictionless floor.
     force = jnp.maximum(force, 1e-3)
     ratio = (moment / force) ** 2
     shape = jnp.stack([jnp.ones_like(ratio), jnp.ones_like(ratio), ratio])
-    drop = h * force * shape / inertia + tiny(free.dtype) ** 2
+    drop = h * force * shape / inertia + 1e-3 * tiny(free.dtype)
     weight = shape * free * free + tiny(free.dtype) ** 2
     root = jnp.zeros_like(force)
     for _ in range(3):

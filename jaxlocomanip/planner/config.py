@@ -39,13 +39,13 @@ class Horizon:
 class Weights:
     """Quadratic cost (paper: Q_x, Q_f, Q_d, R_u); stage weights are per second."""
 
-    pose: tuple[Number, ...] = _triple(20.0, 20.0, 4.0)
-    twist: tuple[Number, ...] = _triple(0.3, 0.3, 0.1)
+    pose: tuple[Number, ...] = _triple(40.0, 40.0, 8.0)
+    twist: tuple[Number, ...] = _triple(5.0, 5.0, 1.0)
     final_pose: tuple[Number, ...] = _triple(150.0, 150.0, 60.0)
     final_twist: tuple[Number, ...] = _triple(3.0, 3.0, 8.0)
     offset: Number = 2.0
     """1/m^2, contact offset about its feed-forward"""
-    force: Number = 1e-3
+    force: Number = 4e-3
     """1/N^2, force about its feed-forward"""
     offset_rate: Number = 0.2
 
@@ -58,23 +58,25 @@ class Barrier:
     """rho >= 0, per second; 0 switches the group off"""
     switch: Number
     """eps > 0, in the units of the inequality"""
+    reach: Number
+    """h_0 > eps, beyond which the barrier is zero; 1e6 for the paper's plain logarithm"""
 
 
 @pytree
 class Constraints:
     """Inequalities of the optimal control problem."""
 
-    force: Barrier = Barrier(0.02, 1.0)
+    force: Barrier = Barrier(0.02, 1.0, 5.0)
     """0 <= f <= F_max, N"""
-    offset: Barrier = Barrier(0.1, 0.01)
+    offset: Barrier = Barrier(0.1, 0.01, 0.05)
     """|d| <= limit, m"""
-    offset_rate: Barrier = Barrier(0.1, 0.02)
+    offset_rate: Barrier = Barrier(0.1, 0.02, 0.1)
     """|ddot| <= limit, m/s"""
-    team: Barrier = Barrier(0.5, 0.02)
+    team: Barrier = Barrier(0.5, 0.02, 0.06)
     """room between robots of neighbouring contacts, m"""
-    object_cbf: Barrier = Barrier(0.8, 0.1)
-    robot_cbf: Barrier = Barrier(0.8, 0.1)
-    clf: Barrier = Barrier(0.05, 0.5)
+    object_cbf: Barrier = Barrier(0.8, 0.1, 0.4)
+    robot_cbf: Barrier = Barrier(0.8, 0.1, 0.4)
+    clf: Barrier = Barrier(0.005, 0.5, 5.0)
     object_alpha: Number = 4.0
     """1/s^2, ECBF B'' + beta B' + alpha B >= 0"""
     object_beta: Number = 4.0
@@ -101,6 +103,8 @@ class Reference:
     """v_avg, m/s"""
     turn_rate: Number = 0.8
     """w_avg, rad/s"""
+    walk_fraction: Number = 0.8
+    """of a robot's sideways walking speed, at most used to follow the reference"""
     lead: Number = 0.3
     """m, how far the reference may run ahead of the object"""
     settle: Number = 0.2

@@ -183,22 +183,36 @@ def lyapunov_condition(
     return h / (1.0 + settings.clf_normalised * safe_norm(s))
 
 
-def barrier_settings(shapes: Shapes, config: PlannerConfig) -> tuple[Array, Array]:
-    """Weights rho [nh] and switches eps [nh] of all inequalities, in the order bounds, CLF, object, robots."""
+@pytree
+class BarrierRows:
+    """Settings of every inequality of a stage, in the order bounds, CLF, object, robots; leaves [nh]."""
+
+    weight: Array
+    switch: Array
+    reach: Array
+
+
+def barrier_rows(shapes: Shapes, config: PlannerConfig) -> BarrierRows:
+    """Barrier settings of all inequalities; absent obstacles and unprotected bodies have weight 0."""
     settings, team = config.constraints, shapes.team
     n = team.offset.shape[0]
-    exists = shapes.obstacle_mask.astype(team.offset.dtype)
-    discs = shapes.object_radii.shape[0]
-    real_pairs = (team.pair_bounds < 100.0).astype(team.offset.dtype)
+    dtype = team.offset.dtype
+    exists = shapes.obstacle_mask.astype(dtype)
     groups: list[tuple[Barrier, Array]] = [
-        (settings.force, jnp.ones(2 * n)),
-        (settings.offset, jnp.ones(2 * n)),
-        (settings.offset_rate, jnp.ones(2 * n)),
-        (settings.team, real_pairs),
-        (settings.clf, jnp.ones(1)),
-        (settings.object_cbf, jnp.tile(exists, discs) * config.protection.object),
+        (settings.force, jnp.ones(2 * n, dtype)),
+        (settings.offset, jnp.ones(2 * n, dtype)),
+        (settings.offset_rate, jnp.ones(2 * n, dtype)),
+        (settings.team, (team.pair_bounds < 100.0).astype(dtype)),
+        (settings.clf, jnp.ones(1, dtype)),
+        (settings.object_cbf, jnp.tile(exists, shapes.object_radii.shape[0]) * config.protection.object),
         (settings.robot_cbf, jnp.tile(exists, n * ROBOT_DISCS) * config.protection.robots),
     ]
-    weights = jnp.concatenate([barrier.weight * mask for barrier, mask in groups])
-    switches = jnp.concatenate([barrier.switch * jnp.ones_like(mask) for barrier, mask in groups])
-    return weights.astype(team.offset.dtype), switches.astype(team.offset.dtype)
+
+    def rows(values: list[Array]) -> Array:
+        return jnp.concatenate(values).astype(dtype)
+
+    return BarrierRows(
+        rows([barrier.weight * mask for barrier, mask in groups]),
+        rows([barrier.switch * jnp.ones_like(mask) for barrier, mask in groups]),
+        rows([barrier.reach * jnp.ones_like(mask) for barrier, mask in groups]),
+    )

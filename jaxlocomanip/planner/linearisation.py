@@ -36,7 +36,8 @@ def stage_model(problem: PushProblem, x: Array, u: Array, data: StageData) -> St
     diagonal, gradient, cost = _separable(problem, x, u, motion, data)
     rows, h = _coupled(problem, motion, wrench_B, dynamics_rows, wrench_rows, data)
     skip = 6 * n
-    penalty = relaxed_barrier(h, dt * problem.weights[skip:], problem.switches[skip:])
+    rest = jax.tree.map(lambda v: v[skip:], problem.barriers)
+    penalty = relaxed_barrier(h, dt * rest.weight, rest.switch, rest.reach)
     weighted = penalty.curvature[:, None] * rows
     hessian = jnp.diag(diagonal) + jnp.sum(weighted[:, :, None] * rows[:, None, :], axis=0)
     gradient = gradient + jnp.sum(penalty.slope[:, None] * rows, axis=0)
@@ -94,8 +95,8 @@ def _separable(
     groups = constraints.bounds(motion, problem.shapes)[:3]
     h = jnp.stack([g.reshape(2, n) for g in (groups[1], groups[0], groups[2])])
     order = jnp.array([1, 0, 2])
-    pick = lambda v: v[: 6 * n].reshape(3, 2, n)[order]  # noqa: E731
-    penalty = relaxed_barrier(h, dt * pick(problem.weights), pick(problem.switches))
+    rows = jax.tree.map(lambda v: v[: 6 * n].reshape(3, 2, n)[order], problem.barriers)
+    penalty = relaxed_barrier(h, dt * rows.weight, rows.switch, rows.reach)
     slope = (penalty.slope[:, 0] - penalty.slope[:, 1]).reshape(-1)
     curvature = jnp.sum(penalty.curvature, axis=1).reshape(-1)
     none = jnp.zeros(6, x.dtype)

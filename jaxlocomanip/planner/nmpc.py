@@ -231,7 +231,7 @@ def _report(ocp: problem.PushProblem, solver: Iterate, targets: reference.Target
     team, shapes = task.shapes.team, task.shapes
     bounds = 6 * team.offset.shape[0] + team.pair_bounds.shape[0]
     objects = shapes.object_radii.shape[0] * shapes.obstacle_mask.shape[0]
-    h = jnp.where(ocp.weights > 0.0, first.inequality, jnp.inf)
+    h = jnp.where(ocp.barriers.weight > 0.0, first.inequality, jnp.inf)
     scale = ocp.config.constraints.cbf_scale
     return Report(
         target=targets.pose[0],

@@ -8,9 +8,10 @@ from jax import Array
 
 from jaxlocomanip.numerics import Floats, pytree, wrap_angle
 from jaxlocomanip.planar.dynamics import Body
-from jaxlocomanip.planar.geometry import rotate
+from jaxlocomanip.planar.geometry import perpendicular, rotate
 from jaxlocomanip.planner.authority import share, sliding_wrench
 from jaxlocomanip.planner.shapes import Shapes
+from jaxlocomanip.scenario import Team
 
 POINTS = 128
 """points of a path"""
@@ -30,6 +31,8 @@ class Path:
     """[POINTS, N_r] steady push along the path, in multiples of F_c"""
     offset: Array
     """[POINTS, N_r] m, contact offsets of that push"""
+    walk: Array
+    """[POINTS] largest sideways walking speed of a robot per unit of arc rate, as a fraction of what it can; > 0"""
 
     @property
     def length(self) -> Array:
@@ -43,6 +46,10 @@ class Path:
     def feed_forward(self, s: Array) -> tuple[Array, Array]:
         """Pushes [..., N_r], in multiples of F_c, and contact offsets [..., N_r] m, at arc lengths [...]."""
         return self._read(s, self.force), self._read(s, self.offset)
+
+    def speed_limit(self, s: Array) -> Array:
+        """[...] m/s of arc at which some robot would have to walk sideways as fast as it can, at arc lengths [...]."""
+        return 1.0 / self._read(s, self.walk[:, None])[..., 0]
 
     def _read(self, s: Array, values: Array) -> Array:
         # The arc is evenly spaced, so that no search is needed.
@@ -69,7 +76,7 @@ def pace(poses: Array, shapes: Shapes, body: Body, turn_radius: Floats) -> Path:
     smooth = jax.vmap(lambda v: jnp.convolve(v, window / jnp.sum(window), mode="valid"), 1, 1)(padded)
     final, arc = _resample(smooth, turn_radius)
     force, offset = steady_pushes(final, shapes, body)
-    return Path(final, arc, force, offset)
+    return Path(final, arc, force, offset, sideways(final, arc, offset, shapes.team))
 
 
 def steady_pushes(poses: Array, shapes: Shapes, body: Body) -> tuple[Array, Array]:
@@ -87,6 +94,21 @@ def steady_pushes(poses: Array, shapes: Shapes, body: Body) -> tuple[Array, Arra
         return force, arms * force / (force + 0.05)
 
     return jax.vmap(at)(poses, change)
+
+
+def sideways(poses: Array, arc: Array, offset: Array, team: Team) -> Array:
+    """[n] sideways speed of the busiest robot, relative to its limit, per unit of arc rate along poses [n, 3]."""
+    change = jnp.gradient(poses, axis=0) / jnp.maximum(arc[1], 1e-6)
+
+    def at(pose: Array, rate: Array, d: Array) -> Array:
+        points = team.contact_points(d)
+        velocity = rotate(-pose[2], rate[:2]) + rate[2] * perpendicular(points)
+        return jnp.max(jnp.abs(jnp.sum(velocity * team.tangent, axis=-1)) / team.slide_speed_max)
+
+    each = jax.vmap(at)(poses, change, offset)
+    # The larger of neighbours within half a window: slow down before a bend, not in it.
+    padded = jnp.pad(each, _WINDOW, mode="edge")
+    return jnp.maximum(jnp.max(jnp.stack([padded[i : i + POINTS] for i in range(2 * _WINDOW + 1)]), axis=0), 0.1)
 
 
 def _resample(poses: Array, turn_radius: Floats) -> tuple[Array, Array]:

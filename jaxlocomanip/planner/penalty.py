@@ -1,4 +1,9 @@
-"""The relaxed logarithmic barrier of an inequality h >= 0 (paper, "Relaxed barrier penalty")."""
+"""The relaxed logarithmic barrier of an inequality h >= 0 (paper, "Relaxed barrier penalty"), and its local variant.
+
+A logarithm repels at any distance: with many bodies and obstacles its sum bends every plan and weak tracking drifts off the
+path. The local variant subtracts the logarithm's own second-order expansion at a reach h_0, so that it is exactly zero, with
+two continuous derivatives, beyond the reach and the same logarithm near h = 0.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +12,34 @@ from jax import Array
 
 from jaxlocomanip.solver.ocp import Penalty
 
+UNBOUNDED = 1e6
+"""A reach from which on the barrier is the plain logarithm."""
 
-def relaxed_barrier(h: Array, weight: Array, switch: Array) -> Penalty:
-    """-weight ln h where h >= switch, and its quadratic C2 continuation below; finite for every h.
+
+def relaxed_barrier(h: Array, weight: Array, switch: Array, reach: Array) -> Penalty:
+    """-weight ln h, relaxed below `switch` and, if the reach is finite, zero beyond it; finite for every h.
+
+    With t = h / reach the local barrier is -ln t + (t - 1) - (t - 1)^2 / 2 for t < 1. Below the switch a quadratic continues value,
+    slope and curvature.
 
     Args:
       h: [...] constraint values.
       weight: [...] rho >= 0; 0 switches an inequality off.
       switch: [...] eps > 0, in the units of h.
+      reach: [...] h_0 > eps, in the units of h; `UNBOUNDED` or more for the paper's plain logarithm.
 
     Returns:
-      Value, slope and curvature [...], the last > 0 where weight > 0.
+      Value, slope and curvature [...], the last >= 0.
     """
-    inside = jnp.maximum(h, switch)
-    beyond = (h - 2.0 * switch) / switch
-    log = h >= switch
-    value = jnp.where(log, -jnp.log(inside), 0.5 * (beyond**2 - 1.0) - jnp.log(switch))
-    slope = jnp.where(log, -1.0 / inside, beyond / switch)
-    curvature = 1.0 / inside**2
-    return Penalty(weight * value, weight * slope, weight * curvature)
+    near = jnp.maximum(h, switch)
+    local = reach < UNBOUNDED
+    t = jnp.minimum(near / reach, 1.0)
+    value = jnp.where(local, -jnp.log(t) + (t - 1.0) - 0.5 * (t - 1.0) ** 2, -jnp.log(near))
+    slope = jnp.where(local, -((1.0 - t) ** 2) / (t * reach), -1.0 / near)
+    curvature = jnp.where(local, (1.0 / (t * t) - 1.0) / (reach * reach), 1.0 / near**2)
+    below = h - near
+    return Penalty(
+        weight * (value + slope * below + 0.5 * curvature * below * below),
+        weight * (slope + curvature * below),
+        weight * curvature,
+    )

@@ -13,6 +13,7 @@ from jaxlocomanip.planner.config import (
     SafetyFilter,
     Weights,
 )
+from jaxlocomanip.planner.penalty import UNBOUNDED
 
 
 def paper() -> PlannerConfig:
@@ -20,7 +21,7 @@ def paper() -> PlannerConfig:
 
     Straight-line reference, four-column regressor against the reference, no friction in the prediction, soft barriers only.
     """
-    bounds = Barrier(0.1, 0.01)
+    bounds = Barrier(0.1, 0.01, UNBOUNDED)
     return PlannerConfig(
         horizon=Horizon(steps=50, tick=0.01),
         weights=Weights(
@@ -36,10 +37,10 @@ def paper() -> PlannerConfig:
             force=bounds,
             offset=bounds,
             offset_rate=bounds,
-            team=Barrier(0.0, 0.01),
-            object_cbf=Barrier(0.8, 0.5),
-            robot_cbf=Barrier(0.8, 0.5),
-            clf=Barrier(1.0, 0.5),
+            team=Barrier(0.0, 0.01, UNBOUNDED),
+            object_cbf=Barrier(0.8, 0.5, UNBOUNDED),
+            robot_cbf=Barrier(0.8, 0.5, UNBOUNDED),
+            clf=Barrier(1.0, 0.5, UNBOUNDED),
             cbf_scale=1.0,
             margin=0.0,
             clf_normalised=0.0,

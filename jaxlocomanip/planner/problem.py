@@ -16,7 +16,7 @@ from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planar.geometry import rotate
 from jaxlocomanip.planner import constraints, linearisation
 from jaxlocomanip.planner.config import Number, PlannerConfig
-from jaxlocomanip.planner.constraints import Motion, Obstacles
+from jaxlocomanip.planner.constraints import BarrierRows, Motion, Obstacles
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.penalty import relaxed_barrier
 from jaxlocomanip.planner.reference import Targets
@@ -53,10 +53,7 @@ class PushProblem:
     """the object as estimated"""
     shapes: Shapes
     config: PlannerConfig
-    weights: Array
-    """[nh] barrier weights"""
-    switches: Array
-    """[nh] barrier switches"""
+    barriers: BarrierRows
 
     def stage(self, x: Array, u: Array, data: StageData) -> Stage:
         """Prediction, weighted residual and inequalities of one stage."""
@@ -97,7 +94,9 @@ class PushProblem:
 
     def penalty(self, h: Array, data: StageData) -> Penalty:
         """Relaxed barriers, per second of horizon."""
-        return relaxed_barrier(h, self.config.horizon.dt * self.weights, self.switches)
+        return relaxed_barrier(
+            h, self.config.horizon.dt * self.barriers.weight, self.barriers.switch, self.barriers.reach
+        )
 
     def model(self, x: Array, u: Array, data: StageData) -> StageModel:
         """Gauss-Newton model; equals `solver.ocp.forward_model`, with the known zeros left out."""
@@ -129,7 +128,6 @@ def assemble(
     steps = targets.pose.shape[0] - 1
     times = config.horizon.dt * jnp.arange(steps, dtype=targets.pose.dtype)
     force = jnp.minimum(targets.force[:-1] * body.friction_force, shapes.team.force_max)
-    weights, switches = constraints.barrier_settings(shapes, config)
 
     def seen(x: Array, time: Array) -> Obstacles:
         places = obstacles.position + time * obstacles.velocity
@@ -144,8 +142,7 @@ def assemble(
         body=body,
         shapes=shapes,
         config=config,
-        weights=weights,
-        switches=switches,
+        barriers=constraints.barrier_rows(shapes, config),
     )
 
 

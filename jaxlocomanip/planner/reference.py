@@ -69,7 +69,8 @@ def advance(progress: Progress, path: Path, pose: Array, goal: Array, tolerance:
     window = (path.arc >= progress.projected - 1e-4) & (path.arc <= progress.projected + 0.5)
     projected = path.arc[jnp.argmin(jnp.where(window, distance, jnp.inf))]
     projected = jnp.maximum(projected, progress.projected)
-    ahead = jnp.minimum(progress.reference + settings.speed * tick, projected + settings.lead)
+    pace = speed(progress, path, settings)
+    ahead = jnp.minimum(progress.reference + pace * tick, projected + settings.lead)
     reference = jnp.minimum(jnp.maximum(ahead, projected), path.length)
     off = pose - goal
     misfit = jnp.maximum(
@@ -79,20 +80,26 @@ def advance(progress: Progress, path: Path, pose: Array, goal: Array, tolerance:
     return Progress(projected, reference, misfit < limit)
 
 
+def speed(progress: Progress, path: Path, settings: Reference) -> Array:
+    """[] m/s, speed of the reference: v_avg, or less where a robot would have to walk sideways too fast."""
+    limit = settings.walk_fraction * path.speed_limit(progress.reference)
+    return jnp.minimum(settings.speed, limit)
+
+
 def targets(progress: Progress, path: Path, times: Array, settings: Reference) -> Targets:
     """Reference at `times` [N + 1] s from now: constant speed, then an exponential approach to the end of the path."""
-    speed, settle = settings.speed, settings.settle
+    pace, settle = speed(progress, path, settings), settings.settle
     remaining = path.length - progress.reference
-    fast = jnp.maximum(remaining - settle, 0.0) / speed
-    slow = jnp.minimum(remaining, settle) * jnp.exp(-speed * jnp.maximum(times - fast, 0.0) / settle)
-    left = jnp.where(times < fast, remaining - speed * times, slow)
-    rate = jnp.where(times < fast, speed, speed * slow / settle)
+    fast = jnp.maximum(remaining - settle, 0.0) / pace
+    slow = jnp.minimum(remaining, settle) * jnp.exp(-pace * jnp.maximum(times - fast, 0.0) / settle)
+    left = jnp.where(times < fast, remaining - pace * times, slow)
+    rate = jnp.where(times < fast, pace, pace * slow / settle)
     arc = path.length - left
     ahead, behind = path.at(arc + 0.02), path.at(arc - 0.02)
     span = jnp.minimum(arc + 0.02, path.length) - jnp.maximum(arc - 0.02, 0.0)
     slope = (ahead - behind) / jnp.maximum(span, 1e-3)[:, None]
     force, offset = path.feed_forward(arc)
-    moving = rate / (rate + 0.1 * speed)
+    moving = rate / (rate + 0.1 * pace)
     return Targets(path.at(arc), slope * rate[:, None], force * moving[:, None], offset)
 
 

@@ -1,7 +1,7 @@
 """Last-line filter on the first input: brake-safe or it is not sent.
 
 With ground friction the object stops within centimetres once nobody pushes, so an input is safe if, after one tick of it, letting go
-brings everything to rest clear of every obstacle. Friction is taken pessimistically, because overestimating it would be the
+brings everything to rest clear of every obstacle, true shape against true shape. Friction is taken pessimistically, because overestimating it would be the
 one way to be wrong. A fixed set of candidates around the planner's input is checked; the nearest safe one is sent, or, where
 none is safe, the one that keeps the most room. Against obstacles that move, the room is also kept for a while after the stop.
 
@@ -18,16 +18,18 @@ from jax import Array
 from jaxlocomanip.numerics import pytree, safe_norm
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
-from jaxlocomanip.planar.geometry import point_distance, rotate
+from jaxlocomanip.planar.geometry import polygon_distance, rectangle, transform
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
-from jaxlocomanip.planner.shapes import ROBOT_DISCS, Shapes
+from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.scenario import Team
 
 SAMPLES = 5
 """poses checked along a braking motion"""
-ROOM_TIME = 0.1
-"""s, a robot stops sliding this long before it would be in another's way"""
+ROOM_RATE = 4.0
+"""1/s, of the barrier condition on the room between two robots"""
+FAR = 1e3
+"""m, room where there is nothing to hit"""
 
 
 @pytree
@@ -78,7 +80,8 @@ def safety_filter(
       config: settings.
     """
     settings = config.safety
-    forces, rates = candidates(force, keep_room(offset, rate, shapes.team))
+    forces, rates = candidates(force, rate)
+    rates = jax.vmap(lambda r: keep_room(offset, r, shapes.team))(rates)
     room = jax.vmap(lambda f, r: braking_room(f, r, estimate, offset, obstacles, body, shapes, config))(forces, rates)
     safe = room >= 0.0
     # Without a safe candidate, ties in room go to the earlier one: a standing team does not fidget.
@@ -90,10 +93,15 @@ def safety_filter(
 
 
 def keep_room(offset: Array, rate: Array, team: Team) -> Array:
-    """Offset rates [N_r] without those that would bring robots into each other's way within `ROOM_TIME`."""
-    ahead = team.pair_rows @ (offset + ROOM_TIME * rate)
-    crowded = (ahead > team.pair_bounds)[:, None] & (team.pair_rows * rate > 0.0)
-    return jnp.where(jnp.any(crowded, axis=0), 0.0, rate)
+    """Offset rates [N_r] nearest to `rate` under which the room between robots closes no faster than it vanishes.
+
+    The barrier condition row @ rate <= ROOM_RATE (bound - row @ offset) of each pair in turn.
+    """
+    for i in range(team.pair_bounds.shape[0]):
+        row = team.pair_rows[i]
+        excess = row @ rate - ROOM_RATE * (team.pair_bounds[i] - row @ offset)
+        rate = rate - row * jnp.maximum(excess, 0.0) / jnp.maximum(row @ row, 1.0)
+    return rate
 
 
 def braking_room(
@@ -125,27 +133,20 @@ def braking_room(
     poses = jnp.concatenate([poses[1:], jnp.repeat(poses[-1:], 3, axis=0)])
     times = jnp.concatenate([times[1:], times[-1] + waits])
     later = offset + rate * tick
+    team = shapes.team
 
     def room(q: Array, t: Array) -> Array:
-        robots = shapes.robot_centers(later).reshape(-1, 2)
-        centers = jnp.concatenate([shapes.object_centers, robots])
-        radii = jnp.concatenate([shapes.object_radii, jnp.repeat(shapes.robot_radii, ROBOT_DISCS)])
-        used = jnp.concatenate(
-            [
-                jnp.full(shapes.object_radii.shape, config.protection.object, q.dtype),
-                jnp.full(robots.shape[:1], config.protection.robots, q.dtype),
-            ]
-        )
-        points = q[:2] + rotate(q[2], centers)
+        robots = jax.vmap(rectangle)(team.robot_poses(q, later), team.half_length, team.half_width)
+        positions = obstacles.position + t * obstacles.velocity
 
-        def one(point: Array, radius: Array, place: Array, speed: Array, vertices: Array, rounding: Array) -> Array:
-            return point_distance(point - place - t * speed, vertices, rounding) - radius - settings.margin
+        def gap(body: Array) -> Array:
+            each = jax.vmap(lambda at, v, r: polygon_distance(body, 0.0, at + v, r))(
+                positions, shapes.obstacle_vertices, shapes.obstacle_radius
+            )
+            return jnp.min(jnp.where(shapes.obstacle_mask, each, FAR))
 
-        over = jax.vmap(jax.vmap(one, in_axes=(None, None, 0, 0, 0, 0)), in_axes=(0, 0, None, None, None, None))
-        gaps = over(
-            points, radii, obstacles.position, obstacles.velocity, shapes.obstacle_vertices, shapes.obstacle_radius
-        )
-        relevant = shapes.obstacle_mask[None, :] & (used[:, None] > 0.5)
-        return jnp.min(jnp.where(relevant, gaps, 1e3))
+        object_gap = jnp.where(config.protection.object > 0.5, gap(transform(q, shapes.object_vertices)), FAR)
+        robot_gap = jnp.where(config.protection.robots > 0.5, jnp.min(jax.vmap(gap)(robots)), FAR)
+        return jnp.minimum(object_gap, robot_gap) - settings.margin
 
     return jnp.min(jax.vmap(room)(poses, times))

@@ -30,6 +30,8 @@ class Shapes:
     """Everything of a scenario's geometry that the planner knows."""
 
     team: Team
+    object_vertices: Array
+    """[V, 2] m, footprint in the body frame"""
     object_centers: Array
     """[K, 2] m, discs covering the object, body frame"""
     object_radii: Array
@@ -73,6 +75,7 @@ def shapes_of(scenario: Scenario) -> Shapes:
     """The geometry that the planner is told."""
     return Shapes(
         team=scenario.team,
+        object_vertices=scenario.object.vertices,
         object_centers=scenario.object.disc_centers,
         object_radii=scenario.object.disc_radii,
         torsion_radius=scenario.object.torsion_radius,
