@@ -113,6 +113,8 @@ class Reference:
     """fraction of the goal tolerances within which the team rests"""
     leave: Number = 0.8
     """fraction of the goal tolerances beyond which it resumes"""
+    second_start: Number = 1.0
+    """1: each tick, try a plan that pushes at once beside the warm start; 0: warm start only"""
     plan_path: Number = 1.0
     """1: obstacle-aware path; 0: straight line from the start"""
     clearance: Number = 0.3

@@ -6,6 +6,8 @@ its own slower rate by `replan`.
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -130,16 +132,8 @@ def replan(state: PlannerState, task: Task, config: PlannerConfig) -> PlannerSta
     )
     renewed = reference.restart(state.progress, found)
     planned = config.reference.plan_path > 0.5
-    return PlannerState(
-        state.object,
-        state.obstacles,
-        state.parameters,
-        select(planned, found, state.path),
-        select(planned, renewed, state.progress),
-        state.solver,
-        state.force,
-        state.offset,
-        state.command,
+    return dataclasses.replace(
+        state, path=select(planned, found, state.path), progress=select(planned, renewed, state.progress)
     )
 
 
@@ -158,6 +152,9 @@ def tick(
     warm = shift(state.solver, horizon.tick / horizon.dt)
     ocp = problem.assemble(targets, warm.plan, parameters.body, task.shapes, obstacles, config)
     x0 = jnp.concatenate([estimate.pose, estimate.twist, measured.offset])
+    first = dataclasses.replace(warm, plan=Plan(warm.plan.xs.at[0].set(x0), warm.plan.us))
+    started = sqp.better_start(ocp, first, problem.pushing_start(ocp, x0), DEFECT_WEIGHT)
+    warm = select(config.reference.second_start > 0.5, started, first)
     solver = sqp.solve(ocp, x0, warm, options(config))
     n = measured.offset.shape[0]
     first = solver.plan.us[0]
@@ -214,10 +211,11 @@ def shift(solver: Iterate, fraction: Array | float) -> Iterate:
     plan = solver.plan
     xs = plan.xs.at[:-1].add(fraction * (plan.xs[1:] - plan.xs[:-1]))
     us = plan.us.at[:-1].add(fraction * (plan.us[1:] - plan.us[:-1]))
-    return Iterate(
-        Plan(xs, us), solver.damping, solver.cost, solver.defect, solver.step, solver.length, solver.status
-    )
+    return dataclasses.replace(solver, plan=Plan(xs, us))
 
+
+DEFECT_WEIGHT = 30.0
+"""merit of the warm start's defects when it is compared with the second start"""
 
 FORCE_LAG = 0.05
 """s, lag of the robots' push that the observer reckons with"""

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import pytree, wrap_angle
+from jaxlocomanip.numerics import pytree, safe_norm, wrap_angle
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planar.geometry import rotate
@@ -21,6 +21,7 @@ from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.penalty import relaxed_barrier
 from jaxlocomanip.planner.reference import Targets
 from jaxlocomanip.planner.shapes import Shapes
+from jaxlocomanip.solver import sqp
 from jaxlocomanip.solver.ocp import Penalty, Plan, Stage, StageModel
 
 
@@ -144,6 +145,30 @@ def assemble(
         config=config,
         barriers=constraints.barrier_rows(shapes, config),
     )
+
+
+def pushing_start(problem: PushProblem, x0: Array) -> Plan:
+    """A plan that sets the object moving at once: steady pushes along the reference, larger at first.
+
+    Where the object sticks, a small push changes nothing and has no gradient: a plan that pushes later is a local minimum
+    that the warm start would keep. This start is compared with it every tick.
+    """
+    data, horizon = problem.stages, problem.config.horizon
+    wanted = safe_norm(data.twist[0, :2])
+    missing = jnp.clip(wanted - safe_norm(x0[3:5]), 0.0, wanted)
+    friction = jnp.maximum(problem.body.friction_force, 1.0)
+    surge = 1.0 + problem.body.mass * missing / (friction * START_STAGES * horizon.dt)
+    stages = jnp.arange(data.force.shape[0])[:, None]
+    force = data.force * jnp.where(stages < START_STAGES, surge, 1.0)
+    slide = (data.offset - x0[6:]) / (START_STAGES * horizon.dt)
+    limit = problem.shapes.team.slide_speed_max
+    rate = jnp.where(stages < START_STAGES, jnp.clip(slide, -limit, limit), 0.0)
+    us = jnp.concatenate([jnp.minimum(force, problem.shapes.team.force_max), rate], axis=1)
+    return sqp.rollout(problem, x0, us)
+
+
+START_STAGES = 3
+"""stages over which `pushing_start` accelerates the object and moves the contacts into place"""
 
 
 def tracking_error(x: Array, pose: Array, twist: Array) -> Array:

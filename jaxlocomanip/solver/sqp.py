@@ -11,6 +11,7 @@ batch of problems is one compiled program; a lane whose numbers become non-finit
 
 from __future__ import annotations
 
+import dataclasses
 from enum import IntEnum
 
 import jax
@@ -109,6 +110,28 @@ def evaluate(problem: Problem, plan: Plan) -> tuple[Array, Array]:
     )
     final = 0.5 * jnp.sum(problem.terminal(plan.xs[-1]) ** 2)
     return jnp.sum(costs) + final, jnp.sum(jnp.abs(nexts - plan.xs[1:]))
+
+
+def rollout(problem: Problem, x0: Array, us: Array) -> Plan:
+    """The plan that inputs [N, nu] lead to from x0 [nx]; its defects are zero."""
+
+    def step(x: Array, k: tuple[Array, object]) -> tuple[Array, Array]:
+        new = problem.stage(x, *k).next_state
+        return new, new
+
+    _, xs = jax.lax.scan(step, x0, (us, problem.stages))
+    return Plan(jnp.concatenate([x0[None], xs]), us)
+
+
+def better_start(problem: Problem, iterate: Iterate, other: Plan, defect_weight: float) -> Iterate:
+    """The iterate, with its plan replaced by `other` where that has the lower merit.
+
+    A local method cannot leave a minimum such as "push later, for ever"; a second start can.
+    """
+    cost, defect = evaluate(problem, iterate.plan)
+    rival, rival_defect = evaluate(problem, other)
+    wins = rival + defect_weight * rival_defect < cost + defect_weight * defect
+    return dataclasses.replace(iterate, plan=select(wins, other, iterate.plan))
 
 
 def linearise(problem: Problem, plan: Plan) -> tuple[LinearQuadratic, Array]:

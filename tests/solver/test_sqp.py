@@ -298,7 +298,7 @@ def push2():
 
 
 def test_reference_problem(x64):
-    """Full Gauss-Newton steps diverge near this optimum: without its step lengths the solver fails here."""
+    """Cost at the guess and at the solution, as found by other solvers; full steps alone diverge near this optimum."""
     problem, guess = push2()
     assert sqp.evaluate(problem, guess)[0] == pytest.approx(421.20244, rel=1e-6)
     options = Options(iterations=100)

@@ -1,0 +1,172 @@
+"""The last-line filter: what it lets pass, what it cuts, and whether its promise holds in the planar world."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxlocomanip.outcome import clearances
+from jaxlocomanip.planner import safety
+from jaxlocomanip.planner.config import PlannerConfig
+from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
+from jaxlocomanip.planner.shapes import shapes_of
+from jaxlocomanip.worlds.interface import Push
+from jaxlocomanip.worlds.planar import PlanarState, PlanarWorld
+
+CONFIG, WORLD = PlannerConfig(), PlanarWorld()
+TICK = CONFIG.horizon.tick
+DISC = 0.25 * np.sqrt(2.0)  # radius of the disc that covers the object
+
+
+@pytest.fixture
+def scene(make_scenario):
+    """A function: scenario with a long wall whose face is at x = `face`, on a slippery floor."""
+
+    def make(face=2.0, friction=0.15, velocity=(0.0, 0.0)):
+        wall = {"shape": "box", "size": [1.0, 8.0], "position": [face + 0.5, 3.0], "velocity": list(velocity)}
+        return make_scenario(truth={"friction": friction}, obstacles=[wall])
+
+    return make
+
+
+@jax.jit
+def filtered(scenario, state, force, rate, config=CONFIG):
+    """The filter with a perfect estimate, believing in more friction than there is."""
+    zero = jnp.zeros(3)
+    obstacles = scenario.obstacles
+    seen = ObstacleEstimate(obstacles.position, obstacles.velocity, jnp.zeros((obstacles.position.shape[0], 3)))
+    body = dataclasses.replace(scenario.object.body, friction_force=jnp.asarray(30.0), friction_moment=jnp.asarray(6.0))
+    estimate = ObjectEstimate(state.pose, state.twist, zero)
+    return safety.safety_filter(force, rate, estimate, state.offset, seen, body, shapes_of(scenario), config)
+
+
+def at(scenario, pose, twist=(0.0, 0.0, 0.0)):
+    still = jnp.zeros(scenario.team.offset.shape)
+    return PlanarState(jnp.asarray(pose, jnp.float32), jnp.asarray(twist, jnp.float32), still, still)
+
+
+def clearance(scenario, state):
+    """Least signed distance of the true shapes of object and robots to the obstacles."""
+    least = clearances(scenario, WORLD.view(state, scenario), scenario.obstacles.position)
+    return jnp.minimum(least.object, least.robots)
+
+
+def test_with_clear_space_the_input_passes_unchanged(scene):
+    scenario, force, rate = scene(face=3.0), jnp.array([40.0, 20.0]), jnp.array([0.1, -0.05])
+    sent = filtered(scenario, at(scenario, (0.0, 0.0, 0.0), (0.3, 0.1, 0.0)), force, rate)
+    assert sent.choice == 0
+    assert (sent.force == force).all() and (sent.offset_rate == rate).all()
+    assert sent.room > 0.5
+
+
+@pytest.mark.parametrize("gap", [0.002, 0.01])
+def test_a_push_at_a_near_wall_is_cut(scene, gap):
+    scenario = scene(face=DISC + CONFIG.safety.margin + gap)
+    force = jnp.array([45.0, 0.0])
+    sent = filtered(scenario, at(scenario, (0.0, 0.0, 0.0)), force, jnp.zeros(2))
+    assert sent.choice > 0
+    assert sent.force[0] < force[0]
+    assert sent.room >= 0.0
+    away = filtered(scenario, at(scenario, (-1.0, 0.0, 0.0)), force, jnp.zeros(2))
+    assert away.choice == 0
+
+
+def test_a_push_along_the_wall_passes(scene):
+    scenario = scene(face=DISC + CONFIG.safety.margin + 0.01)
+    sent = filtered(scenario, at(scenario, (0.0, 0.0, 0.0)), jnp.array([0.0, 40.0]), jnp.zeros(2))
+    assert sent.choice == 0
+
+
+def test_switched_off_it_does_nothing(scene):
+    scenario = scene(face=DISC + 0.01)
+    off = dataclasses.replace(CONFIG, safety=dataclasses.replace(CONFIG.safety, enabled=0.0))
+    sent = filtered(scenario, at(scenario, (0.0, 0.0, 0.0)), jnp.array([45.0, 0.0]), jnp.zeros(2), off)
+    assert sent.choice == 0 and sent.force[0] == 45.0
+
+
+def test_without_a_safe_input_the_team_lets_go(scene):
+    scenario = scene(face=DISC + CONFIG.safety.margin + 0.005)
+    sent = filtered(scenario, at(scenario, (0.0, 0.0, 0.0), (0.8, 0.0, 0.0)), jnp.array([45.0, 30.0]), jnp.zeros(2))
+    assert sent.room < 0.0
+    assert sent.choice > 0 and sent.force[0] == 0.0
+
+
+def test_an_approaching_obstacle_is_seen_coming(scene):
+    scenario = scene(face=0.25 + 0.8, velocity=(-0.6, 0.0))
+    still = scene(face=0.25 + 0.8)
+    force = jnp.array([45.0, 0.0])
+    assert filtered(still, at(still, (0.0, 0.0, 0.0)), force, jnp.zeros(2)).choice == 0
+    assert filtered(scenario, at(scenario, (0.0, 0.0, 0.0)), force, jnp.zeros(2)).choice > 0
+
+
+@jax.jit
+def let_go(scenario, state, sent):
+    """Least clearance over one tick of the filtered input and then two seconds of nothing, and whether it rests."""
+
+    def tick(state, force):
+        after = WORLD.step(state, scenario, Push(force, jnp.zeros_like(force)), TICK)
+        return after, clearance(scenario, after)
+
+    pushes = jnp.zeros((100, 2)).at[0].set(sent.force)
+    last, gaps = jax.lax.scan(tick, state, pushes)
+    return jnp.minimum(jnp.min(gaps), clearance(scenario, state)), jnp.all(last.twist == 0.0)
+
+
+def test_the_braking_promise_holds_in_the_planar_world(scene):
+    """Whatever the filter calls safe ends at rest without contact, on a floor of friction 0.15."""
+    rng = np.random.default_rng(0)
+    scenario, promised, cut = scene(face=2.0), 0, 0
+    count = 300
+    gap = rng.uniform(0.0, 0.5, count)
+    poses = np.stack([2.0 - DISC - gap, np.zeros(count), rng.uniform(-0.6, 0.6, count)], axis=1)
+    twists = rng.uniform(-1.0, 1.0, (count, 3)) * [1.0, 0.5, 1.5]
+    twists[:, 0] = np.abs(twists[:, 0])
+    forces = rng.uniform(0.0, 45.0, (count, 2))
+    for pose, twist, force in zip(poses, twists, forces, strict=True):
+        state = at(scenario, pose, twist)
+        sent = filtered(scenario, state, jnp.asarray(force, jnp.float32), jnp.zeros(2))
+        if sent.room < 0.0:
+            continue
+        promised += 1
+        cut += int(sent.choice) > 0
+        least, rests = let_go(scenario, state, sent)
+        assert rests
+        assert least > 0.0, (pose, twist, force)
+    assert promised > 50 and cut > 10
+
+
+@jax.jit
+def push_on(scenario, state, force):
+    """Least clearance over four seconds of wanting to push on, filtered at every tick; final state."""
+
+    def tick(state, _):
+        sent = filtered(scenario, state, force, jnp.zeros(2))
+        after = WORLD.step(state, scenario, Push(sent.force, sent.offset_rate), TICK)
+        return after, clearance(scenario, after)
+
+    last, gaps = jax.lax.scan(tick, state, None, length=200)
+    return jnp.min(gaps), last
+
+
+@pytest.mark.parametrize("pushes", [(48.0, 0.0), (48.0, 30.0), (30.0, 48.0), (25.0, 10.0)])
+def test_pushing_on_towards_a_wall_never_touches_it(scene, pushes):
+    scenario = scene(face=1.5)
+    least, last = push_on(scenario, at(scenario, (0.0, 0.0, 0.0)), jnp.asarray(pushes, jnp.float32))
+    assert least > 0.0
+    assert last.pose[0] > 0.3  # it did get near
+    assert jnp.abs(last.twist[0]) < 0.05
+
+
+def test_robots_stop_sliding_before_they_meet(make_scenario):
+    team = make_scenario().team
+    rate = jnp.array([-0.3, 0.3])
+    crowded = jnp.where(team.pair_rows[0] > 0.0, 1.0, -1.0) * jnp.abs(team.pair_bounds[0])
+    inside = team.pair_rows @ (0.9 * crowded)
+    assert safety.keep_room(jnp.zeros(2), 0.0 * rate, team).tolist() == [0.0, 0.0]
+    towards = jnp.sign(team.pair_rows[0]) * 0.3
+    near = (team.pair_bounds[0] - 0.01) * team.pair_rows[0] / jnp.sum(team.pair_rows[0] ** 2)
+    assert inside.shape == (1,)
+    assert safety.keep_room(near, towards, team).tolist() == [0.0, 0.0]
+    assert safety.keep_room(near, -towards, team).tolist() == (-towards).tolist()

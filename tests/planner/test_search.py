@@ -1,0 +1,122 @@
+"""The path search: it avoids, it asks only for what the team can do, and it prefers no side."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxlocomanip.planar.geometry import rotate, transform
+from jaxlocomanip.planner import adaptation, search
+from jaxlocomanip.planner.authority import pushability
+from jaxlocomanip.planner.config import PlannerConfig
+from jaxlocomanip.planner.estimation import ObstacleEstimate
+from jaxlocomanip.planner.search import CELLS
+from jaxlocomanip.planner.shapes import ROBOT_DISCS, shapes_of
+
+CONFIG = PlannerConfig()
+AWAY = (20.0, 20.0)
+search_path = jax.jit(search.search_path)
+
+
+@pytest.fixture
+def find(make_scenario):
+    """A function: path of two robots from the origin past circles at two places, and the scenario's shapes."""
+
+    def run(places, goal=(4.0, 4.0, 0.0), velocity=(0.0, 0.0), exist=True):
+        circles = [{"shape": "circle", "radius": 0.3, "position": list(place)} for place in places]
+        scenario = make_scenario(goal={"pose": list(goal)}, obstacles=circles)
+        shapes = dataclasses.replace(shapes_of(scenario), obstacle_mask=jnp.full(2, exist))
+        places = scenario.obstacles.position
+        estimate = ObstacleEstimate(places, jnp.zeros_like(places) + jnp.asarray(velocity), jnp.zeros((2, 3)))
+        body = adaptation.start(scenario.object, CONFIG.adaptation).body
+        return search_path(scenario.start, scenario.goal.pose, shapes, estimate, body, CONFIG), shapes, body
+
+    return run
+
+
+def clearance(poses, shapes, place, radius=0.3):
+    """Least distance of the discs of object and robots to a circle, over all poses of a path."""
+    robots = shapes.robot_centers(jnp.zeros(2)).reshape(-1, 2)
+    centers = jnp.concatenate([shapes.object_centers, robots])
+    radii = jnp.concatenate([shapes.object_radii, jnp.repeat(shapes.robot_radii, ROBOT_DISCS)])
+    points = jax.vmap(lambda pose: transform(pose, centers))(poses)
+    return float(jnp.min(jnp.linalg.norm(points - jnp.asarray(place), axis=-1) - radii - radius))
+
+
+def body_directions(path):
+    """[n, 3] direction of the path at each pose, in body axes."""
+    change = jnp.gradient(path.poses, axis=0)
+    turned = jax.vmap(rotate)(-path.poses[:, 2], change[:, :2])
+    twists = jnp.concatenate([turned, change[:, 2:]], axis=1)
+    return twists / jnp.linalg.norm(twists, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("place", [(2.0, 2.0), (2.5, 1.8), (1.4, 1.8)])
+def test_path_avoids_an_obstacle_on_the_line(x64, find, place):
+    path, shapes, _ = find([place, AWAY])
+    straight = jnp.linspace(0.0, 4.0, 100)[:, None] * jnp.array([1.0, 1.0, 0.0])
+    assert clearance(straight, shapes, place) < -0.1
+    assert clearance(path.poses, shapes, place) > CONFIG.constraints.margin
+    assert np.allclose(path.poses[0], 0.0, atol=1e-9)
+    assert np.allclose(path.poses[-1], [4.0, 4.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("place", [(2.0, 2.0), (2.5, 1.8), AWAY])
+def test_path_lies_in_the_cone_of_the_team(x64, find, place):
+    """Two robots that push along +x and +y of the body never have to pull, and need no wrench they have not."""
+    path, shapes, body = find([place, AWAY])
+    directions = body_directions(path)
+    assert directions[:, :2].min() > 0.0
+    assert pushability(shapes.team, body, directions, shapes.torsion_radius).max() < 0.02
+    assert (path.force >= 0.0).all()
+    assert (np.abs(path.offset) <= np.asarray(shapes.team.offset_limit)).all()
+
+
+def test_mirrored_layouts_have_mirrored_paths(x64, find):
+    """Mirror about y = x: coordinates and robots change places, headings change sign."""
+    path, _, _ = find([(2.5, 1.8), (0.5, 2.9)])
+    mirror, _, _ = find([(1.8, 2.5), (2.9, 0.5)])
+    assert np.abs(path.poses[:, 0] - path.poses[:, 1]).max() > 0.2
+    assert np.allclose(path.poses, mirror.poses[:, jnp.array([1, 0, 2])] * jnp.array([1, 1, -1]), rtol=0.0, atol=1e-6)
+    assert np.allclose(path.force, mirror.force[:, ::-1], rtol=0.0, atol=1e-6)
+    assert np.allclose(path.offset, -mirror.offset[:, ::-1], rtol=0.0, atol=1e-6)
+
+
+def test_free_floor_gives_the_diagonal(x64, find):
+    path, _, _ = find([(2.0, 2.0), AWAY], exist=False)
+    assert np.allclose(path.poses[:, 0], path.poses[:, 1], rtol=0.0, atol=1e-9)
+    assert np.allclose(path.poses[:, 2], 0.0, atol=1e-9)
+    assert path.length == pytest.approx(np.hypot(4.0, 4.0), rel=1e-4)
+
+
+def test_free_floor_gives_nearly_the_straight_line(x64, find):
+    path, _, _ = find([(2.0, 1.0), AWAY], goal=(4.0, 2.0, 0.0), exist=False)
+    aside = np.abs(path.poses[:, 0] - 2.0 * path.poses[:, 1]) / np.sqrt(5.0)
+    cell = (4.0 + 3.2) / (CELLS - 1)
+    assert aside.max() < cell
+    assert np.hypot(*np.diff(path.poses[:, :2], axis=0).T).sum() < 1.02 * np.hypot(4.0, 2.0)
+
+
+def test_arc_length_is_even_and_true(x64, find):
+    path, _, _ = find([(2.5, 1.8), AWAY])
+    radius = CONFIG.reference.speed / CONFIG.reference.turn_rate
+    change = np.diff(np.asarray(path.poses), axis=0)
+    steps = np.sqrt((change[:, :2] ** 2).sum(axis=1) + (radius * change[:, 2]) ** 2)
+    assert np.allclose(steps.cumsum(), path.arc[1:], rtol=1e-2)
+    assert np.allclose(np.diff(path.arc), path.arc[1], rtol=1e-9)
+    assert np.allclose(path.at(jnp.asarray([-1.0, 99.0])), path.poses[jnp.array([0, -1])], atol=1e-12)
+
+
+def test_moving_obstacle_is_met_where_it_will_be(x64, find):
+    """A walker that has left the line by the time the object arrives costs no detour; one that comes does."""
+    leaving, _, _ = find([(1.2, 1.2), AWAY], velocity=(0.7, -0.7))
+    coming, shapes, _ = find([(1.2 + 0.7 * 3.0, 1.2 - 0.7 * 3.0), AWAY], velocity=(-0.7, 0.7))
+    off_line = lambda path: float(jnp.abs(path.poses[:, 0] - path.poses[:, 1]).max())  # noqa: E731
+    assert off_line(leaving) < off_line(coming)
+
+
+def test_single_precision_is_finite(find):
+    path, _, _ = find([(2.0, 2.0), (1.0, 3.0)])
+    assert all(leaf.dtype == jnp.float32 and np.isfinite(leaf).all() for leaf in jax.tree.leaves(path))
