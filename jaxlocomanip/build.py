@@ -88,7 +88,9 @@ def _inertia(given: float | None, mass: float, com: np.ndarray, gyration: float,
     if given is None:
         return mass * gyration**2 + least
     if given <= least:
-        raise InputError(f"{field} = {given:g}: must be > mass |com|^2 = {least:g} kg m^2 (it is about the body point p)")
+        raise InputError(
+            f"{field} = {given:g}: must be > mass |com|^2 = {least:g} kg m^2 (it is about the body point p)"
+        )
     return given
 
 
@@ -150,7 +152,9 @@ def _team(robots: tuple[RobotSpec, ...], polygon: np.ndarray) -> Team:
     limits = np.maximum(lengths / 2.0 - CONTACT_MARGIN, 0.0)
     for i, (robot, face) in enumerate(zip(robots, faces, strict=True)):
         if abs(robot.offset) > limits[face]:
-            raise InputError(f"robots[{i}].offset = {robot.offset:g}: must be within +-{limits[face]:g} m on face {robot.face!r}")
+            raise InputError(
+                f"robots[{i}].offset = {robot.offset:g}: must be within +-{limits[face]:g} m on face {robot.face!r}"
+            )
     inward = np.stack([-edges[:, 1], edges[:, 0]], axis=1) / lengths[:, None]
     rows, bounds = _pairs(robots, faces, models, lengths)
     low, high = _free_ranges(np.array([r.offset for r in robots]), limits[faces], rows, bounds)
@@ -182,8 +186,8 @@ def _pairs(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Linear conditions rows @ d <= bounds under which robots on one face or around one corner do not touch.
 
-    A robot's offset runs against the polygon's direction. Around a corner, at most one of the two may reach past it, and
-    only as far as the other keeps back; that suffices for every convex corner.
+    A robot's offset runs against the polygon's direction. Around a corner, at most one of the two may reach past
+    it, and only as far as the other keeps back; that suffices for every convex corner.
     """
     count, edge_count = len(robots), len(lengths)
     rows, bounds = [], []
@@ -227,7 +231,11 @@ def _obstacles(specs: tuple[ObstacleSpec, ...]) -> Obstacles:
     corners = max([4, *(len(o.vertices) for o in specs)])
     marks = max([1, *(len(o.motion.times) for o in specs if o.motion)])
     count = len(specs)
-    vertices, times, points = np.zeros((count, corners, 2)), np.zeros((count, marks)), np.zeros((count, marks, 2))
+    vertices, times, points = (
+        np.zeros((count, corners, 2)),
+        np.zeros((count, marks)),
+        np.zeros((count, marks, 2)),
+    )
     amplitude, period = np.zeros((count, 2)), np.ones(count)
     for i, o in enumerate(specs):
         vertices[i] = np.array([*o.vertices, *[o.vertices[-1]] * (corners - len(o.vertices))])

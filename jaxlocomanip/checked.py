@@ -12,6 +12,12 @@ class InputError(ValueError):
     """Bad input by the user; its text is one line naming the field, the value and what is allowed."""
 
 
+LARGEST = 1e9
+"""Numbers beyond this are refused: single precision could not compute with them."""
+SMALLEST = 1e-6
+"""Positive quantities below this are refused likewise."""
+
+
 def nearest(name: str, allowed: Iterable[str]) -> str:
     """A hint such as "; did you mean 'mass'?", or nothing where no name is near."""
     close = difflib.get_close_matches(name, list(allowed), n=1, cutoff=0.5)
@@ -32,9 +38,7 @@ def known_keys(where: str, table: Any, allowed: Iterable[str], required: Iterabl
     names = list(allowed)
     for key in table:
         if key not in names:
-            raise InputError(
-                f"{where}: unknown key '{key}'{nearest(key, names)} (allowed: {', '.join(names)})"
-            )
+            raise InputError(f"{where}: unknown key '{key}'{nearest(key, names)} (allowed: {', '.join(names)})")
     for key in required:
         if key not in table:
             raise InputError(f"{where}: missing key '{key}'")
@@ -51,14 +55,29 @@ def number(
     """`value` as a finite float in [low, high], or in (low, high] if `strictly`."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{field} = {value!r}: must be a number")
-    if not math.isfinite(value):
-        raise InputError(f"{field} = {value!r}: must be finite")
+    if abs(value) > LARGEST or value != value:
+        raise InputError(f"{field} = {_shown(value)}: must be finite and at most {LARGEST:g} in size")
+    if strictly and low == 0.0 and 0.0 < value < SMALLEST:
+        raise InputError(f"{field} = {value!r}: must be at least {SMALLEST:g}")
     if value < low or value > high or (strictly and value == low):
         bounds = f"{'>' if strictly else '>='} {low:g}" if math.isfinite(low) else ""
         if math.isfinite(high):
             bounds = f"{bounds} and <= {high:g}" if bounds else f"<= {high:g}"
         raise InputError(f"{field} = {value!r}: must be {bounds}")
     return float(value)
+
+
+def _shown(value: float) -> str:
+    return repr(value) if isinstance(value, float) else f"an integer of {value.bit_length()} bits"
+
+
+def name(field: str, value: Any) -> str:
+    """`value` as a name that can be a file's: one printable line of 1 to 80 characters without slashes."""
+    fine = isinstance(value, str) and 0 < len(value) <= 80 and value.isprintable()
+    if not fine or any(c in value for c in "/\\") or value.startswith("."):
+        shown = repr(value) if len(repr(value)) <= 100 else repr(value)[:97] + "..."
+        raise InputError(f"{field} = {shown}: must be 1 to 80 printable characters usable as a file name")
+    return value
 
 
 def vector(field: str, value: Any, length: int) -> tuple[float, ...]:

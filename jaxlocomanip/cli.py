@@ -181,18 +181,14 @@ def _checked_job(arguments: argparse.Namespace) -> _Job:
 def _refuse_repeated(names: Sequence[str]) -> None:
     for name in names:
         if names.count(name) > 1:
-            raise InputError(
-                f"scenario {name!r}: given twice, or two files have this name; outputs would collide"
-            )
+            raise InputError(f"scenario {name!r}: given twice, or two files have this name; outputs would collide")
 
 
 def _refuse_missing_viewers(record: bool) -> bool:
     """Whether figures can be drawn; what a recording needs must be there if one is asked for."""
     drawable = importlib.util.find_spec("matplotlib") is not None
     if record and not (drawable and importlib.util.find_spec("rerun") is not None):
-        raise InputError(
-            'recording needs the view extra: pip install "jaxlocomanip[view]", or pass --no-record'
-        )
+        raise InputError('recording needs the view extra: pip install "jaxlocomanip[view]", or pass --no-record')
     return drawable
 
 

@@ -3,8 +3,8 @@
     result = simulate(scenario)                  # one Scenario, or a batch with a leading axis: the same function
     result.outcome.reached, result.log.pose      # arrays, with the batch axis first if there is one
 
-The planner ticks at its own rate, searches its path at a slower one, and the world takes its substeps in between. A lane
-whose state becomes non-finite, or whose duration has passed, is frozen and never harms its neighbours.
+The planner ticks at its own rate, searches its path at a slower one, and the world takes its substeps in between. A
+lane whose state becomes non-finite, or whose duration has passed, is frozen and never harms its neighbours.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ MAX_DELAY_TICKS = 6
 
 @pytree
 class Log:
-    """Trajectory of an episode, one row a tick [T, ...]; states are those at the row's time, before its command acts."""
+    """Trajectory of an episode, one row a tick [T, ...], with the state before the row's command acts."""
 
     time: Array
     """[T] s"""
@@ -56,7 +56,9 @@ class Log:
     plan: Array
     """[T, N + 1, 3] predicted object poses"""
     path: Array
-    """[T / ticks a path search, POINTS, 3] paths in force, each from its search on"""
+    """[P, POINTS, 3] paths found by the P searches of the episode"""
+    path_time: Array
+    """[P] s, from when each of them is in force"""
     estimate: Array
     """[T, 3] estimated object pose"""
     parameters: Array
@@ -152,7 +154,9 @@ def episode(scenario: Scenario, config: PlannerConfig, key: Array, world: World,
     task = Task(shapes_of(scenario), scenario.object, scenario.goal)
     lane = jax.random.fold_in(key, scenario.index)
     state = world.start(scenario)
-    planner = nmpc.start(task, _measure(world.view(state, scenario), scenario, lane, jnp.zeros((), jnp.int32), 0.0), config)
+    planner = nmpc.start(
+        task, _measure(world.view(state, scenario), scenario, lane, jnp.zeros((), jnp.int32), 0.0), config
+    )
     history = jax.tree.map(lambda leaf: jnp.stack([leaf] * (MAX_DELAY_TICKS + 1)), planner.command)
     zero = jnp.zeros((), jnp.int32)
     loop = _Loop(planner, state, history, start_tally(scenario), zero, jnp.ones((), bool))
@@ -161,18 +165,19 @@ def episode(scenario: Scenario, config: PlannerConfig, key: Array, world: World,
     def tick(carry: _Loop, _: None) -> tuple[_Loop, Log | None]:
         return _tick(carry, scenario, task, config, lane, world, record)
 
-    def block(carry: _Loop, _: None) -> tuple[_Loop, tuple[Log | None, Array]]:
+    def block(carry: _Loop, _: None) -> tuple[_Loop, tuple[Log | None, Array, Array]]:
+        started = carry.tick * config.horizon.tick
         searched = nmpc.replan(carry.planner, task, config)
         carry, rows = jax.lax.scan(tick, dataclasses.replace(carry, planner=searched), None, length=per_block)
-        return carry, (rows, searched.path.poses)
+        return carry, (rows, searched.path.poses, started)
 
     # Whole blocks, so that the tick is compiled once; ticks past the end are frozen and cut from the log.
     blocks = -(-ticks // per_block)
-    loop, (rows, paths) = jax.lax.scan(block, loop, None, length=blocks)
+    loop, (rows, paths, path_times) = jax.lax.scan(block, loop, None, length=blocks)
     log = jax.tree.map(lambda leaf: leaf.reshape(blocks * per_block, *leaf.shape[2:])[:ticks], rows)
     outcome = summarise(loop.tally, scenario, world.view(loop.world, scenario), loop.planner.parameters.psi)
     if log is not None:
-        log = dataclasses.replace(log, path=paths)
+        log = dataclasses.replace(log, path=paths, path_time=path_times)
     return Result(outcome, log)
 
 
@@ -184,13 +189,18 @@ def _measure(view: View, scenario: Scenario, lane: Array, tick: Array, time: Arr
     return Measurement(
         pose=view.pose + spread * jax.random.normal(pose_key, (3,), view.pose.dtype),
         offset=view.offset,
-        obstacles=positions
-        + sensing.obstacle_std * jax.random.normal(obstacle_key, positions.shape, positions.dtype),
+        obstacles=positions + sensing.obstacle_std * jax.random.normal(obstacle_key, positions.shape, positions.dtype),
     )
 
 
 def _tick(
-    loop: _Loop, scenario: Scenario, task: Task, config: PlannerConfig, lane: Array, world: World, record: bool
+    loop: _Loop,
+    scenario: Scenario,
+    task: Task,
+    config: PlannerConfig,
+    lane: Array,
+    world: World,
+    record: bool,
 ) -> tuple[_Loop, Log | None]:
     period = config.horizon.tick
     time = loop.tick * period
@@ -208,7 +218,9 @@ def _tick(
     status = jnp.where(finite, planner.solver.status, Status.NONFINITE)
     tally = count(loop.tally, scenario, view, after, least, status, end, period)
     running = loop.alive & (time < scenario.duration - 1e-4)
-    frozen = dataclasses.replace(loop, tally=dataclasses.replace(loop.tally, nonfinite=loop.tally.nonfinite + (running & ~finite)))
+    frozen = dataclasses.replace(
+        loop, tally=dataclasses.replace(loop.tally, nonfinite=loop.tally.nonfinite + (running & ~finite))
+    )
     moved = _Loop(planner, state, commands, tally, loop.tick + 1, loop.alive)
     new = select(running & finite, moved, frozen)
     new = dataclasses.replace(new, alive=loop.alive & finite, tick=loop.tick + 1)
@@ -224,6 +236,7 @@ def _tick(
         report=report,
         plan=solver.plan.xs[:, :3],
         path=jnp.zeros((0,)),
+        path_time=jnp.zeros((0,)),
         estimate=planner.object.pose,
         parameters=planner.parameters.filtered,
         solver=jnp.stack([solver.cost, solver.defect, solver.step, solver.length, solver.status.astype(time.dtype)]),

@@ -63,7 +63,7 @@ def all_finite(tree: Any) -> Array:
     return jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in leaves]))
 
 
-def select(predicate: Array, on_true: T, on_false: T) -> T:
+def select(predicate: Array | bool, on_true: T, on_false: T) -> T:
     """`jnp.where` over two pytrees of one structure with a scalar predicate."""
     return jax.tree.map(lambda a, b: jnp.where(predicate, a, b), on_true, on_false)
 

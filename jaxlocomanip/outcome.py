@@ -115,7 +115,14 @@ def goal_errors(scenario: Scenario, pose: Array) -> tuple[Array, Array]:
 
 
 def count(
-    tally: Tally, scenario: Scenario, before: View, view: View, least: Clearances, status: Array, time: Array, tick: float
+    tally: Tally,
+    scenario: Scenario,
+    before: View,
+    view: View,
+    least: Clearances,
+    status: Array,
+    time: Array,
+    tick: float,
 ) -> Tally:
     """Figures after one tick that ended at `time` in the state `view`."""
     distance, turn = goal_errors(scenario, view.pose)

@@ -1,7 +1,7 @@
 """A scenario as arrays: what the planner believes, what the world is, and where to go.
 
-Everything here is a pytree of arrays without batch axis. Obstacles are padded to a fixed count with a mask and shapes to
-a fixed number of vertices, so that different layouts `stack` into one batch and share one compilation.
+Everything here is a pytree of arrays without batch axis. Obstacles are padded to a fixed count with a mask and
+shapes to a fixed number of vertices, so that different layouts `stack` into one batch and share one compilation.
 Scenarios are usually made by `jaxlocomanip.specification`, which checks every value.
 """
 

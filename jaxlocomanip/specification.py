@@ -1,7 +1,7 @@
 """Scenario files: TOML (or plain dictionaries) checked field by field and built into arrays.
 
-A `ScenarioSpec` mirrors the file; `build` turns it into a `scenario.Scenario`. Unknown keys are refused with the nearest
-known name, and values outside their range with the field, the value and what is allowed.
+A `ScenarioSpec` mirrors the file; `build` turns it into a `scenario.Scenario`. Unknown keys are refused with the
+nearest known name, and values outside their range with the field, the value and what is allowed.
 """
 
 from __future__ import annotations
@@ -149,13 +149,10 @@ def parse_scenario(data: Mapping[str, Any], source: str = "scenario") -> Scenari
 def _scenario(data: Mapping[str, Any]) -> ScenarioSpec:
     keys = ("name", "duration", "object", "truth", "start", "goal", "robots", "obstacles", "sensing")
     checked.known_keys("scenario", data, keys, ("name", "object", "start", "goal", "robots"))
-    name = data["name"]
-    if not isinstance(name, str) or not name or any(c in name for c in "/\\\0") or name.startswith("."):
-        raise InputError(f"name = {name!r}: must be a text usable as a file name")
     start = checked.known_keys("start", data["start"], ("pose",), ("pose",))
     body = _object(data["object"])
     return ScenarioSpec(
-        name=name,
+        name=checked.name("name", data["name"]),
         duration=checked.number("duration", data.get("duration", 40.0), 0.1, 3600.0),
         object=body,
         truth=_truth(data.get("truth", {})),
@@ -204,7 +201,9 @@ def _object(table: Any) -> ObjectSpec:
     if ("size" in table) == ("footprint" in table):
         raise InputError("object: exactly one of size and footprint must be given")
     is_box = "size" in table
-    shape = box(table["size"], "object.size") if is_box else checked.convex_polygon("object.footprint", table["footprint"])
+    shape = (
+        box(table["size"], "object.size") if is_box else checked.convex_polygon("object.footprint", table["footprint"])
+    )
     return ObjectSpec(
         footprint=shape,
         is_box=is_box,
@@ -282,7 +281,9 @@ def _motion(where: str, table: Any) -> MotionSpec:
     checked.known_keys(f"{where} (kind {kind})", table, ("kind", *own), own)
     if kind == "sine":
         return MotionSpec(
-            kind, _pair(f"{where}.amplitude", table["amplitude"]), _positive(f"{where}.period", table["period"])
+            kind,
+            _pair(f"{where}.amplitude", table["amplitude"]),
+            _positive(f"{where}.period", table["period"]),
         )
     points = checked.points(f"{where}.points", table["points"], 1)
     times = checked.vector(f"{where}.times", table["times"], len(points))

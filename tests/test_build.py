@@ -76,9 +76,7 @@ def test_robots_face_into_the_object():
     assert np.asarray(team.normal) == pytest.approx(np.array([[1, 0], [0, 1], [-1, 0], [0, -1]]), abs=1e-6)
     assert np.asarray(team.origin) == pytest.approx(-0.5 * np.asarray(team.normal), abs=1e-6)
     poses = np.asarray(team.robot_poses(jnp.zeros(3), team.offset))
-    assert poses[:, :2] == pytest.approx(
-        -(0.5 + np.asarray(team.reach))[:, None] * np.asarray(team.normal), abs=1e-6
-    )
+    assert poses[:, :2] == pytest.approx(-(0.5 + np.asarray(team.reach))[:, None] * np.asarray(team.normal), abs=1e-6)
 
 
 def test_obstacle_motions():
@@ -111,9 +109,7 @@ def test_no_obstacles_become_one_absent_one():
 
 
 def test_scenarios_of_different_layouts_stack():
-    batch = stack(
-        [made(), made(obstacles=[{"shape": "circle", "radius": 0.2, "position": [3, k]} for k in (0, 2)])]
-    )
+    batch = stack([made(), made(obstacles=[{"shape": "circle", "radius": 0.2, "position": [3, k]} for k in (0, 2)])])
     assert np.asarray(batch.obstacles.mask).tolist() == [[False, False], [True, True]]
     with pytest.raises(InputError, match="teams of one size"):
         stack([made(), made(robots=[{"type": "a1", "face": f} for f in ("-x", "+x")])])

@@ -24,9 +24,7 @@ def test_nearest_hints_only_at_near_names():
 
 def test_one_of():
     assert checked.one_of("type", "a1", ("a1", "go1")) == "a1"
-    assert refusal(checked.one_of, "type", "g1", ("a1", "go1")).startswith(
-        "type = 'g1': must be one of a1, go1"
-    )
+    assert refusal(checked.one_of, "type", "g1", ("a1", "go1")).startswith("type = 'g1': must be one of a1, go1")
     assert "must be one of" in refusal(checked.one_of, "type", ["a1"], ("a1", "go1"))
 
 

@@ -80,10 +80,7 @@ def test_every_group_is_read():
 def test_box_corners_run_counter_clockwise_like_the_face_names():
     corners = box([2.0, 1.0], "size")
     assert corners == ((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5))
-    middles = [
-        ((a[0] + b[0]) / 2, (a[1] + b[1]) / 2)
-        for a, b in zip(corners, corners[1:] + corners[:1], strict=True)
-    ]
+    middles = [((a[0] + b[0]) / 2, (a[1] + b[1]) / 2) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
     assert dict(zip(BOX_FACES, middles, strict=True)) == {
         "-y": (0.0, -0.5), "+x": (1.0, 0.0), "+y": (0.0, 0.5), "-x": (-1.0, 0.0),
     }  # fmt: skip

@@ -1,0 +1,1 @@
+"""Rigid-body mechanics in SE(2)."""

@@ -119,9 +119,7 @@ def body_wrench(points: Array, normals: Array, forces: Array) -> Array:
     return jnp.concatenate([forces @ normals, moment[None]])
 
 
-def step(
-    body: Body, pose: Array, twist: Array, wrench_B: Array, h: Floats, smoothing: Floats
-) -> tuple[Array, Array]:
+def step(body: Body, pose: Array, twist: Array, wrench_B: Array, h: Floats, smoothing: Floats) -> tuple[Array, Array]:
     """One implicit time step of the object under a wrench that turns with it.
 
     The centre of mass moves as a free particle under the wrench, then friction takes the step
@@ -155,13 +153,14 @@ def friction_step(inertia: Array, force: Array, moment: Array, free: Array, h: F
     """Velocity [3] at the centre of mass after friction acted for `h` on the free velocity [3].
 
     In the norm s = |[v_x, v_y, (M_c/F_c) omega]| the minimiser is V_i = V_free,i s / (s + d_i) with
-    d_i = h F_c a_i / M_i, a = [1, 1, (M_c/F_c)^2], where s is the root of sum_i a_i V_free,i^2 / (s + d_i)^2 = 1, or zero
-    (sticking) if there is none. The inverse square root of that sum is concave and nearly linear in s, so three Newton
-    steps from zero reach the root from below.
+    d_i = h F_c a_i / M_i, a = [1, 1, (M_c/F_c)^2], where s is the root of sum_i a_i V_free,i^2 / (s + d_i)^2 = 1,
+    or zero (sticking) if there is none. The inverse square root of that sum is concave and nearly linear in s, so
+    three Newton steps from zero reach the root from below.
 
     Args:
       inertia: [3] diagonal inertia at the centre of mass.
-      force: [] F_c, N.   moment: [] M_c, N m.
+      force: [] F_c, N.
+      moment: [] M_c, N m.
       free: [3] velocity without friction.
       h: time step, s.
       smoothing: m/s, width of the smoothed transition to rest in s.

@@ -97,8 +97,8 @@ def feature_distance(point: Array, feature: Feature) -> tuple[Array, Array, Arra
 def point_distance(point: Array, vertices: Array, radius: Floats) -> Array:
     """Signed distance in m from a point [2] to a rounded polygon.
 
-    Exact outside and, for a polygon, the distance to the nearest face plane inside. Differentiable: the nearest corner or
-    edge is chosen first and held fixed.
+    Exact outside and, for a polygon, the distance to the nearest face plane inside. Differentiable: the nearest
+    corner or edge is chosen first and held fixed.
     """
     return feature_distance(point, nearest_feature(point, vertices))[0] - radius
 

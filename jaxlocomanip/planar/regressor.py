@@ -24,9 +24,7 @@ def to_body(psi: Array) -> Body:
 
 def from_body(body: Body) -> Array:
     """Psi [6] of a rigid body."""
-    return jnp.stack(
-        [body.mass, body.inertia, *(body.mass * body.com), body.friction_force, body.friction_moment]
-    )
+    return jnp.stack([body.mass, body.inertia, *(body.mass * body.com), body.friction_force, body.friction_moment])
 
 
 def inertial_regressor(theta: Array, omega: Array, w: Array, a: Array) -> Array:

@@ -2,7 +2,8 @@
 
 Two laws share gain, projection and low-pass:
 
-* *paper*: Psi_dot = -Gamma Y(q, qd, qd_r, qdd_r)' s with the composite error s = qd_e + lambda q_e against the reference. It
+* *paper*: Psi_dot = -Gamma Y(q, qd, qd_r, qdd_r)' s with the composite error s = qd_e + lambda q_e against the
+reference. It
   drifts whenever an obstacle forces a detour, and learns nothing about friction at rest, where Y = 0.
 * *prediction*: the same with s measured against the model's own prediction for this tick, and Y replaced by its exact
   sensitivity -M d(qdd)/d(Psi) through the implicit friction step. Stiction is then learnt like anything else: while the
@@ -59,12 +60,15 @@ def project(psi: Array, model: ObjectModel, settings: Adaptation) -> Array:
     return jnp.concatenate([mass[None], inertia[None], moment, force[None], torsion[None]])
 
 
-def prediction_slope(psi: Array, pose: Array, twist: Array, wrench_B: Array, error: Array, tick: Floats, smoothing: Floats) -> Array:
+def prediction_slope(
+    psi: Array, pose: Array, twist: Array, wrench_B: Array, error: Array, tick: Floats, smoothing: Floats
+) -> Array:
     """[6] Y' s of the prediction law: minus the gradient of s' M qdd_predicted by Psi.
 
     Args:
       psi: [6] current parameters.
-      pose: [3], twist: [3]: state estimate at the start of the tick.
+      pose: [3] estimate at the start of the tick.
+      twist: [3] likewise.
       wrench_B: [3] wrench applied over it, body axes.
       error: [3] s, composite prediction error (observed minus predicted).
       tick: s.
@@ -79,7 +83,9 @@ def prediction_slope(psi: Array, pose: Array, twist: Array, wrench_B: Array, err
     return -pullback(weight)[0]
 
 
-def reference_slope(pose: Array, twist: Array, pose_d: Array, twist_d: Array, psi: Array, rate: Floats, smoothing: Floats) -> Array:
+def reference_slope(
+    pose: Array, twist: Array, pose_d: Array, twist_d: Array, psi: Array, rate: Floats, smoothing: Floats
+) -> Array:
     """[6] Y' s of the paper's law, with s = (qd - qd_d) + lambda (q - q_d) and qd_r = qd - s, qdd_r = -lambda qd_e."""
     error = twist - twist_d
     s = error + rate * (pose - pose_d)

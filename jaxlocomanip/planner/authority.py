@@ -1,7 +1,7 @@
 """What wrenches a team of push-only robots can exert, and how it best shares one.
 
-A robot that may choose its contact offset pushes like two at the ends of its range, so the team's wrenches form a convex
-cone and "can the object be slid along this twist" is a small non-negative least-squares problem.
+A robot that may choose its contact offset pushes like two at the ends of its range, so the team's wrenches form a
+convex cone and "can the object be slid along this twist" is a small non-negative least-squares problem.
 """
 
 from __future__ import annotations
@@ -59,4 +59,3 @@ def pushability(team: Team, body: Body, twists_B: Array, radius: Floats) -> Arra
         return share(team, sliding_wrench(body, twist, 0.0), radius)[2]
 
     return jax.vmap(one)(twists_B)
-

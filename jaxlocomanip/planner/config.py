@@ -1,7 +1,7 @@
 """Every setting of the planner, as one pytree of numbers.
 
-Numbers are leaves, so that presets, ablations and tuned variants share one compilation and can be batched; the few fields
-that fix array shapes are static. The defaults are the `robust` preset; `presets.py` has the paper's.
+Numbers are leaves, so that presets, ablations and tuned variants share one compilation and can be batched; the few
+fields that fix array shapes are static. The defaults are the `robust` preset; `presets.py` has the paper's.
 """
 
 from __future__ import annotations
@@ -119,6 +119,8 @@ class Reference:
     """1: obstacle-aware path; 0: straight line from the start"""
     clearance: Number = 0.3
     """m, the path keeps this far from obstacles where it costs little"""
+    caution: Number = 0.2
+    """m/s, rate at which the path's berth around a moving obstacle grows with the time until the team is there"""
     replan: float = static(1.0)
     """s, between two path searches"""
 

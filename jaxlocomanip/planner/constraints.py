@@ -1,9 +1,10 @@
 """Inequalities of one stage: bounds, control Lyapunov function and exponential control barrier functions.
 
-Time derivatives of barrier values are taken along the adaptive model's motion *and* the obstacle's own predicted motion at that
-stage's time. The object's barrier has relative degree 2 and takes the predicted acceleration, the robots' barriers have
-relative degree 1. They are written out, because the distance to a corner or an edge has a simple gradient and Hessian; the
-tests hold them against Lie derivatives by forward differentiation (`planar.dynamics.lie_derivative`) and finite differences.
+Time derivatives of barrier values are taken along the adaptive model's motion *and* the obstacle's own predicted
+motion at that stage's time. The object's barrier has relative degree 2 and takes the predicted acceleration, the
+robots' barriers have relative degree 1. They are written out, because the distance to a corner or an edge has a
+simple gradient and Hessian; the tests hold them against Lie derivatives by forward differentiation
+(`planar.dynamics.lie_derivative`) and finite differences.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class Obstacle:
 
 
 def barrier(center: Array, speed: Array, pull: Array, obstacle: Obstacle) -> tuple[Array, Array, Array]:
-    """B, B' and B'' [] of a disc with centre, velocity and acceleration [2] against an obstacle at constant velocity."""
+    """B, B' and B'' [] of a disc with centre, velocity and acceleration [2] against one obstacle."""
     distance, normal, curvature = feature_distance(center - obstacle.position, obstacle.feature)
     closing = speed - obstacle.velocity
     slope = jnp.sum(normal * closing)
@@ -165,10 +166,12 @@ def lyapunov_condition(
     """[] CLF: s'(-tau + H qdd_r + C qd_r + f_k) - 1/2 s' K_D s, with s = qd_e + lambda q_e.
 
     Args:
-      pose: [3], twist: [3]: the object's state.
+      pose: [3] of the object.
+      twist: [3] of the object.
       wrench: tau [3] about p, world axes.
       body: the object as estimated.
-      target: [3] reference pose, target_twist: [3] reference velocity.
+      target: [3] reference pose.
+      target_twist: [3] reference velocity.
       settings: gains; optionally divides by 1 + |s| lest a far reference outweigh every barrier.
       smoothing: m/s, of friction at rest.
     """

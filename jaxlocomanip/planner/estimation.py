@@ -1,8 +1,8 @@
 """State estimation from noisy poses (paper, "State estimation").
 
 The object's observer predicts with the planner's own model, adapted mass and friction included, and corrects pose and
-velocity by fixed fractions of the innovation; its innovation is also the prediction error that the adaptation law learns from.
-Obstacles have a Kalman filter each: constant position, or constant velocity if they may move.
+velocity by fixed fractions of the innovation; its innovation is also the prediction error that the adaptation law
+learns from. Obstacles have a Kalman filter each: constant position, or constant velocity if they may move.
 """
 
 from __future__ import annotations

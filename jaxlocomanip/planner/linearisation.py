@@ -1,8 +1,9 @@
 """Gauss-Newton model of a stage of `problem.PushProblem` with its known zeros left out.
 
-Most inequalities are bounds on single variables and the tracking cost is diagonal, the step depends on few inputs, and a barrier
-condition depends on the centre, velocity and acceleration of one disc. Differentiating those small pieces and composing them
-costs a fraction of forward differentiation of the whole stage, and gives the same numbers (tests hold them together).
+Most inequalities are bounds on single variables and the tracking cost is diagonal, the step depends on few inputs,
+and a barrier condition depends on the centre, velocity and acceleration of one disc. Differentiating those small
+pieces and composing them costs a fraction of forward differentiation of the whole stage, and gives the same numbers
+(tests hold them together).
 """
 
 from __future__ import annotations
@@ -72,9 +73,7 @@ def _step(problem: PushProblem, x: Array, u: Array) -> tuple[Array, Array, Array
     return following, jnp.concatenate([top, bottom]), wrench_rows, wrench_B
 
 
-def _separable(
-    problem: PushProblem, x: Array, u: Array, motion: Motion, data: StageData
-) -> tuple[Array, Array, Array]:
+def _separable(problem: PushProblem, x: Array, u: Array, motion: Motion, data: StageData) -> tuple[Array, Array, Array]:
     """Diagonal Hessian [nz], gradient [nz] and cost [] of the tracking terms and the bounds."""
     from jaxlocomanip.planner.problem import roots, tracking_error
 
@@ -82,7 +81,12 @@ def _separable(
     dt, weights = problem.config.horizon.dt, problem.config.weights
     ones = jnp.ones(n, x.dtype)
     error = jnp.concatenate(
-        [tracking_error(x, data.pose, data.twist), motion.offset - data.offset, motion.force - data.force, motion.offset_rate]
+        [
+            tracking_error(x, data.pose, data.twist),
+            motion.offset - data.offset,
+            motion.force - data.force,
+            motion.offset_rate,
+        ]
     )
     track = dt * jnp.concatenate(
         [
@@ -107,10 +111,15 @@ def _separable(
 
 
 def _coupled(
-    problem: PushProblem, motion: Motion, wrench_B: Array, dynamics_rows: Array, wrench_rows: Array, data: StageData
+    problem: PushProblem,
+    motion: Motion,
+    wrench_B: Array,
+    dynamics_rows: Array,
+    wrench_rows: Array,
+    data: StageData,
 ) -> tuple[Array, Array]:
-    """Jacobian [m, nz] and values [m] of the team, CLF and barrier conditions, in the order of the inequality vector."""
-    shapes, settings = problem.shapes, problem.config.constraints
+    """Jacobian [m, nz] and values [m] of the team, CLF, object and robot conditions, in that order."""
+    shapes = problem.shapes
     n = motion.force.shape[0]
     pairs = jnp.zeros((shapes.team.pair_bounds.shape[0], 6 + 3 * n), motion.pose.dtype)
     pairs = pairs.at[:, 6 : 6 + n].set(-shapes.team.pair_rows)
@@ -140,9 +149,7 @@ def _chain(discs: Discs, origin: Array, omega: Array, alpha: Array, by: tuple[Ar
     )
     by_omega = jnp.sum(speed * turned, axis=-1) - 2.0 * omega * jnp.sum(pull * arms, axis=-1)
     by_alpha = jnp.sum(pull * turned, axis=-1)
-    return jnp.concatenate(
-        [center, by_heading[:, None], speed, by_omega[:, None], pull, by_alpha[:, None]], axis=1
-    )
+    return jnp.concatenate([center, by_heading[:, None], speed, by_omega[:, None], pull, by_alpha[:, None]], axis=1)
 
 
 def _object_rows(problem: PushProblem, motion: Motion, dynamics_rows: Array, data: StageData) -> tuple[Array, Array]:

@@ -1,7 +1,7 @@
 """One tick of the hierarchical planner: (PlannerState, Measurement) -> (PlannerState, Command).
 
-estimate -> adaptation -> progress on the path -> optimal control problem -> SQP -> safety filter. The path itself is searched at
-its own slower rate by `replan`.
+estimate -> adaptation -> progress on the path -> optimal control problem -> SQP -> safety filter. The path itself
+is searched at its own slower rate by `replan`.
 """
 
 from __future__ import annotations
@@ -167,9 +167,7 @@ def tick(
     )
     offset = jnp.clip(measured.offset + horizon.tick * sent.offset_rate, -limits.offset_limit, limits.offset_limit)
     command = Command(sent.force, sent.offset_rate, offset, solver.plan.xs[1, 3:6])
-    new = PlannerState(
-        estimate, obstacles, parameters, state.path, progress, solver, force, measured.offset, command
-    )
+    new = PlannerState(estimate, obstacles, parameters, state.path, progress, solver, force, measured.offset, command)
     return new, command, _report(ocp, solver, targets, sent, task)
 
 
@@ -203,7 +201,12 @@ def observe(
     )
     slope = jnp.where(settings.on_prediction > 0.5, by_prediction, by_reference)
     slope = jnp.where(state.progress.resting, 0.0, slope)
-    return estimate, adaptation.adapt(state.parameters, slope, horizon.tick, task.model, settings), obstacles, force
+    return (
+        estimate,
+        adaptation.adapt(state.parameters, slope, horizon.tick, task.model, settings),
+        obstacles,
+        force,
+    )
 
 
 def shift(solver: Iterate, fraction: Array | float) -> Iterate:
@@ -224,7 +227,9 @@ PREDICTION_WEIGHT = 3.0
 """Innovation of a tick as a velocity error, in multiples of lambda"""
 
 
-def _report(ocp: problem.PushProblem, solver: Iterate, targets: reference.Targets, sent: safety.Filtered, task: Task) -> Report:
+def _report(
+    ocp: problem.PushProblem, solver: Iterate, targets: reference.Targets, sent: safety.Filtered, task: Task
+) -> Report:
     first = ocp.stage(solver.plan.xs[0], solver.plan.us[0], _first(ocp.stages))
     team, shapes = task.shapes.team, task.shapes
     bounds = 6 * team.offset.shape[0] + team.pair_bounds.shape[0]

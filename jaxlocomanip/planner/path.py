@@ -67,7 +67,7 @@ def straight_path(start: Array, goal: Array, shapes: Shapes, body: Body, turn_ra
 
 
 def pace(poses: Array, shapes: Shapes, body: Body, turn_radius: Floats) -> Path:
-    """Path through poses [n, 3]: smoothed by a Hann window with its ends kept, evenly spaced, with its steady pushes."""
+    """Path through poses [n, 3], smoothed with its ends kept and evenly spaced, with its steady pushes."""
     even = _resample(_resample(poses, turn_radius)[0], turn_radius)[0]
     window = jnp.hanning(2 * _WINDOW + 3)[1:-1].astype(poses.dtype)
     head = 2.0 * even[:1] - even[_WINDOW:0:-1]
@@ -84,7 +84,7 @@ def steady_pushes(poses: Array, shapes: Shapes, body: Body) -> tuple[Array, Arra
     ratio = body.friction_moment / jnp.maximum(body.friction_force, 1e-3)
     one = jnp.ones_like(ratio)
     unit = Body(body.mass, body.inertia, body.com, one, jnp.maximum(ratio, 0.5 * shapes.torsion_radius))
-    change = jnp.gradient(poses, axis=0)
+    change = _slope(poses)
 
     def at(pose: Array, direction: Array) -> tuple[Array, Array]:
         scale = jnp.sqrt(jnp.sum(direction**2)) + 1e-6
@@ -98,7 +98,7 @@ def steady_pushes(poses: Array, shapes: Shapes, body: Body) -> tuple[Array, Arra
 
 def sideways(poses: Array, arc: Array, offset: Array, team: Team) -> Array:
     """[n] sideways speed of the busiest robot, relative to its limit, per unit of arc rate along poses [n, 3]."""
-    change = jnp.gradient(poses, axis=0) / jnp.maximum(arc[1], 1e-6)
+    change = _slope(poses) / jnp.maximum(arc[1], 1e-6)
 
     def at(pose: Array, rate: Array, d: Array) -> Array:
         points = team.contact_points(d)
@@ -109,6 +109,12 @@ def sideways(poses: Array, arc: Array, offset: Array, team: Team) -> Array:
     # The larger of neighbours within half a window: slow down before a bend, not in it.
     padded = jnp.pad(each, _WINDOW, mode="edge")
     return jnp.maximum(jnp.max(jnp.stack([padded[i : i + POINTS] for i in range(2 * _WINDOW + 1)]), axis=0), 0.1)
+
+
+def _slope(poses: Array) -> Array:
+    """[n, 3] change per point along poses [n, 3], by central differences."""
+    padded = jnp.concatenate([2.0 * poses[:1] - poses[1:2], poses, 2.0 * poses[-1:] - poses[-2:-1]])
+    return 0.5 * (padded[2:] - padded[:-2])
 
 
 def _resample(poses: Array, turn_radius: Floats) -> tuple[Array, Array]:

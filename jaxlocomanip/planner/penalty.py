@@ -1,8 +1,8 @@
 """The relaxed logarithmic barrier of an inequality h >= 0 (paper, "Relaxed barrier penalty"), and its local variant.
 
-A logarithm repels at any distance: with many bodies and obstacles its sum bends every plan and weak tracking drifts off the
-path. The local variant subtracts the logarithm's own second-order expansion at a reach h_0, so that it is exactly zero, with
-two continuous derivatives, beyond the reach and the same logarithm near h = 0.
+A logarithm repels at any distance: with many bodies and obstacles its sum bends every plan and weak tracking drifts
+off the path. The local variant subtracts the logarithm's own second-order expansion at a reach h_0, so that it is
+exactly zero, with two continuous derivatives, beyond the reach and the same logarithm near h = 0.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ UNBOUNDED = 1e6
 def relaxed_barrier(h: Array, weight: Array, switch: Array, reach: Array) -> Penalty:
     """-weight ln h, relaxed below `switch` and, if the reach is finite, zero beyond it; finite for every h.
 
-    With t = h / reach the local barrier is -ln t + (t - 1) - (t - 1)^2 / 2 for t < 1. Below the switch a quadratic continues value,
-    slope and curvature.
+    With t = h / reach the local barrier is -ln t + (t - 1) - (t - 1)^2 / 2 for t < 1. Below the switch a quadratic
+    continues value, slope and curvature.
 
     Args:
       h: [...] constraint values.

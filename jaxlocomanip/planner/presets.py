@@ -19,7 +19,8 @@ from jaxlocomanip.planner.penalty import UNBOUNDED
 def paper() -> PlannerConfig:
     """The paper's table as printed, but for F_max, which belongs to the robots.
 
-    Straight-line reference, four-column regressor against the reference, no friction in the prediction, soft barriers only.
+    Straight-line reference, four-column regressor against the reference, no friction in the prediction, soft
+    barriers only.
     """
     bounds = Barrier(0.1, 0.01, UNBOUNDED)
     return PlannerConfig(

@@ -1,7 +1,7 @@
 """The planner's optimal control problem, discretised (paper, "Nonlinear MPC").
 
-State x = [p, theta, v, omega, d] [6 + N_r], input u = [f, ddot] [2 N_r]. The prediction is the implicit friction step of the
-adapted model; inequalities enter as relaxed barriers.
+State x = [p, theta, v, omega, d] [6 + N_r], input u = [f, ddot] [2 N_r]. The prediction is the implicit friction
+step of the adapted model; inequalities enter as relaxed barriers.
 """
 
 from __future__ import annotations
@@ -111,7 +111,12 @@ class PushProblem:
 
 
 def assemble(
-    targets: Targets, plan: Plan, body: Body, shapes: Shapes, obstacles: ObstacleEstimate, config: PlannerConfig
+    targets: Targets,
+    plan: Plan,
+    body: Body,
+    shapes: Shapes,
+    obstacles: ObstacleEstimate,
+    config: PlannerConfig,
 ) -> PushProblem:
     """The problem of one tick.
 
@@ -136,7 +141,11 @@ def assemble(
 
     return PushProblem(
         stages=StageData(
-            targets.pose[:-1], targets.twist[:-1], force, targets.offset[:-1], jax.vmap(seen)(plan.xs[:-1], times)
+            targets.pose[:-1],
+            targets.twist[:-1],
+            force,
+            targets.offset[:-1],
+            jax.vmap(seen)(plan.xs[:-1], times),
         ),
         final_pose=targets.pose[-1],
         final_twist=targets.twist[-1],
@@ -150,8 +159,8 @@ def assemble(
 def pushing_start(problem: PushProblem, x0: Array) -> Plan:
     """A plan that sets the object moving at once: steady pushes along the reference, larger at first.
 
-    Where the object sticks, a small push changes nothing and has no gradient: a plan that pushes later is a local minimum
-    that the warm start would keep. This start is compared with it every tick.
+    Where the object sticks, a small push changes nothing and has no gradient: a plan that pushes later is a local
+    minimum that the warm start would keep. This start is compared with it every tick.
     """
     data, horizon = problem.stages, problem.config.horizon
     wanted = safe_norm(data.twist[0, :2])

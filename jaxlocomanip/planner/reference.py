@@ -1,7 +1,8 @@
 """Progress along the path and the reference trajectory over the horizon (paper, "Reference trajectory").
 
-The reference advances in time from the command, not from where the object happens to be: it leads the object's projection on
-the path by a bounded distance. A reference re-anchored at the object lets the plan push "later" for ever against stiction.
+The reference advances in time from the command, not from where the object happens to be: it leads the object's
+projection on the path by a bounded distance. A reference re-anchored at the object lets the plan push "later" for
+ever against stiction.
 """
 
 from __future__ import annotations
@@ -51,7 +52,15 @@ def restart(progress: Progress, path: Path) -> Progress:
     return Progress(jnp.zeros_like(lead), lead, progress.resting)
 
 
-def advance(progress: Progress, path: Path, pose: Array, goal: Array, tolerance: Array, tick: Floats, settings: Reference) -> Progress:
+def advance(
+    progress: Progress,
+    path: Path,
+    pose: Array,
+    goal: Array,
+    tolerance: Array,
+    tick: Floats,
+    settings: Reference,
+) -> Progress:
     """Progress after one tick.
 
     Args:
@@ -73,9 +82,7 @@ def advance(progress: Progress, path: Path, pose: Array, goal: Array, tolerance:
     ahead = jnp.minimum(progress.reference + pace * tick, projected + settings.lead)
     reference = jnp.minimum(jnp.maximum(ahead, projected), path.length)
     off = pose - goal
-    misfit = jnp.maximum(
-        jnp.sqrt(jnp.sum(off[:2] ** 2)) / tolerance[0], jnp.abs(wrap_angle(off[2])) / tolerance[1]
-    )
+    misfit = jnp.maximum(jnp.sqrt(jnp.sum(off[:2] ** 2)) / tolerance[0], jnp.abs(wrap_angle(off[2])) / tolerance[1])
     limit = jnp.where(progress.resting, settings.leave, settings.arrive)
     return Progress(projected, reference, misfit < limit)
 
@@ -101,5 +108,3 @@ def targets(progress: Progress, path: Path, times: Array, settings: Reference) -
     force, offset = path.feed_forward(arc)
     moving = rate / (rate + 0.1 * pace)
     return Targets(path.at(arc), slope * rate[:, None], force * moving[:, None], offset)
-
-

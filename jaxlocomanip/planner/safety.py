@@ -1,9 +1,10 @@
 """Last-line filter on the first input: brake-safe or it is not sent.
 
-With ground friction the object stops within centimetres once nobody pushes, so an input is safe if, after one tick of it, letting go
-brings everything to rest clear of every obstacle, true shape against true shape. Friction is taken pessimistically, because overestimating it would be the
-one way to be wrong. A fixed set of candidates around the planner's input is checked; the nearest safe one is sent, or, where
-none is safe, the one that keeps the most room. Against obstacles that move, the room is also kept for a while after the stop.
+With ground friction the object stops within centimetres once nobody pushes, so an input is safe if, after one tick
+of it, letting go brings everything to rest clear of every obstacle, true shape against true shape. Friction is
+taken pessimistically, because overestimating it would be the one way to be wrong. A fixed set of candidates around
+the planner's input is checked; the nearest safe one is sent, or, where none is safe, the one that keeps the most
+room. Against obstacles that move, the room is also kept for a while after the stop.
 
 The choice is piecewise constant and is held fixed when gradients are taken.
 """
@@ -49,7 +50,12 @@ class Filtered:
 def candidates(force: Array, rate: Array) -> tuple[Array, Array]:
     """[n, N_r] forces and rates around an input, in the order of preference."""
     count = force.shape[0]
-    scales = [(np.ones(count), 1.0), (np.ones(count), 0.0), (0.5 * np.ones(count), 1.0), (0.5 * np.ones(count), 0.0)]
+    scales = [
+        (np.ones(count), 1.0),
+        (np.ones(count), 0.0),
+        (0.5 * np.ones(count), 1.0),
+        (0.5 * np.ones(count), 0.0),
+    ]
     scales += [(1.0 - np.eye(count)[i], 0.0) for i in range(count)]
     scales += [(np.zeros(count), 1.0), (np.zeros(count), 0.0), (np.zeros(count), -1.0)]
     pushes = jnp.asarray(np.array([s for s, _ in scales]), force.dtype)

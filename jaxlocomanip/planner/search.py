@@ -1,10 +1,11 @@
 """Obstacle-aware path of the object's pose (the paper's "incremental subgoals", which it leaves open).
 
-Dynamic programming over a grid of poses (x, y, heading) in the goal's frame. A move goes one cell in one of 16 directions
-while the heading keeps or changes by one of 16 steps, or turns on the spot. Its cost is its length, more where the object or
-a robot comes near an obstacle, and much more where the team, which can only push, has no wrench for it. Obstacles that
-move are taken where they are predicted to be when the team gets there. All counts are fixed, so the search batches; the
-path is then traced through the interpolated cost to go by soft-minimum descent, which treats ties symmetrically.
+Dynamic programming over a grid of poses (x, y, heading) in the goal's frame. A move goes one cell in one of 16
+directions while the heading keeps or changes by one of 16 steps, or turns on the spot. Its cost is its length, more
+where the object or a robot comes near an obstacle, and much more where the team, which can only push, has no wrench
+for it. Obstacles that move are taken where they are predicted to be when the team gets there. All counts are fixed,
+so the search batches; the path is then traced through the interpolated cost to go by soft-minimum descent, which
+treats ties symmetrically.
 
 The path is a piecewise smooth function of its inputs, and is held fixed when gradients are taken.
 """
@@ -97,7 +98,9 @@ def _clearance(
     def distance(point: Array, time: Array) -> Array:
         moved = point - obstacles.position - obstacles.velocity * time
         each = jax.vmap(point_distance)(moved, shapes.obstacle_vertices, shapes.obstacle_radius)
-        return jnp.min(jnp.where(shapes.obstacle_mask, each, _FAR))
+        # Nobody walks at constant velocity for long: the later the meeting, the wider the berth.
+        berth = jnp.where(shapes.obstacle_dynamic, config.reference.caution * time, 0.0)
+        return jnp.min(jnp.where(shapes.obstacle_mask, each - berth, _FAR))
 
     field = jax.vmap(jax.vmap(distance))(world, arrival)
     headings = jnp.asarray(_ANGLES, local.dtype)

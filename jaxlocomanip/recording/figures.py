@@ -122,7 +122,7 @@ def _frame(axes: Axes, episode: History, outcome: Outcome, last: bool) -> None:
 
 
 def _forces(axes: Axes, episode: History) -> None:
-    scenario, log, _ = episode
+    scenario, log = episode
     for i, name in enumerate(robot_names(scenario)):
         color = unit(palette.robot_color(i))
         axes.plot(log.time, log.command.force[:, i], color=color, lw=0.7, alpha=0.55)
@@ -135,7 +135,7 @@ def _forces(axes: Axes, episode: History) -> None:
 
 
 def _offsets(axes: Axes, episode: History) -> None:
-    scenario, log, _ = episode
+    scenario, log = episode
     for i, name in enumerate(robot_names(scenario)):
         color = unit(palette.robot_color(i))
         axes.plot(log.time, log.view.offset[:, i], color=color, label=name)
@@ -144,7 +144,7 @@ def _offsets(axes: Axes, episode: History) -> None:
 
 
 def _clearances(axes: Axes, episode: History) -> None:
-    _, log, _ = episode
+    log = episode.log
     apart = log.clearances
     shown = (
         (apart.object, _OBJECT, "object, obstacles"),
@@ -161,7 +161,7 @@ def _clearances(axes: Axes, episode: History) -> None:
 
 def _barriers(axes: Axes, episode: History) -> None:
     """Barrier conditions near their limit; ticks at which the safety filter stepped in are shaded."""
-    _, log, _ = episode
+    log = episode.log
     values = np.stack([finite_clearance(log.report.object_cbf), finite_clearance(log.report.robot_cbf)])
     if np.isfinite(values).any():
         axes.plot(log.time, values[0], color=_OBJECT, label=r"object [m/s$^2$]")
@@ -179,7 +179,7 @@ def _barriers(axes: Axes, episode: History) -> None:
 
 
 def _estimates(axes: Axes, episode: History) -> None:
-    scenario, log, _ = episode
+    scenario, log = episode
     truth = scenario.truth
     axes.plot(log.time, log.parameters[:, MASS] / truth.mass, color=(0.35, 0.35, 0.75), label="mass")
     if truth.friction_force > 0.0:
@@ -190,7 +190,7 @@ def _estimates(axes: Axes, episode: History) -> None:
 
 
 def _errors(axes: Axes, episode: History) -> None:
-    scenario, log, _ = episode
+    scenario, log = episode
     distance, turn = goal_errors(scenario, log.view.pose)
     position, heading = unit(palette.GOAL), (0.62, 0.50, 0.10)
     axes.plot(log.time, np.maximum(distance, 1e-3), color=position, label="position [m]")

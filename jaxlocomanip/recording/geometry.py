@@ -56,14 +56,10 @@ def prism(outline: Floats, bottom: float, top: float, color: RGB) -> Mesh:
     def at(points: Floats, height: float) -> Floats:
         return np.column_stack([points, np.full(len(points), height)])
 
-    walls = np.stack([at(ring, bottom), at(after, bottom), at(after, top), at(ring, top)], axis=1).reshape(
-        -1, 3
-    )
+    walls = np.stack([at(ring, bottom), at(after, bottom), at(after, top), at(ring, top)], axis=1).reshape(-1, 3)
     up = np.array([[0.0, 0.0, 1.0]])
     vertices = np.concatenate([walls, at(ring, top), at(ring, bottom)])
-    normals = np.concatenate(
-        [np.repeat(sides, 4, axis=0), np.repeat(up, count, axis=0), np.repeat(-up, count, axis=0)]
-    )
+    normals = np.concatenate([np.repeat(sides, 4, axis=0), np.repeat(up, count, axis=0), np.repeat(-up, count, axis=0)])
     quads = (4 * np.arange(count)[:, None] + np.array([0, 1, 2, 0, 2, 3])).reshape(-1, 3)
     fan = np.stack([np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)], axis=1)
     triangles = np.concatenate([quads, 4 * count + fan, 5 * count + fan[:, ::-1]])
@@ -135,9 +131,7 @@ def _revolve(profile: Floats, sides: int, color: RGB) -> Mesh:
     count = len(profile)
     i, j = np.meshgrid(np.arange(sides), np.arange(count - 1), indexing="ij")
     a = (i * count + j).reshape(-1)
-    triangles = np.concatenate(
-        [np.stack([a, a + count, a + 1], 1), np.stack([a + 1, a + count, a + count + 1], 1)]
-    )
+    triangles = np.concatenate([np.stack([a, a + count, a + 1], 1), np.stack([a + 1, a + count, a + count + 1], 1)])
     return Mesh(vertices, normals, triangles, _paint(len(vertices), color))
 
 

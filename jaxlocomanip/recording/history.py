@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from jaxlocomanip.closed_loop import Log
 from jaxlocomanip.outcome import CLEAR
-from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.robots.model import ROBOT_TYPES
 from jaxlocomanip.scenario import Scenario
 
@@ -29,28 +28,17 @@ class History(NamedTuple):
     scenario: Any
     """`Scenario` of NumPy arrays"""
     log: Any
-    """`Log` of NumPy arrays, T rows; `path` has as many as `path_times`"""
-    path_times: Floats
-    """[P] s, from when each path is in force"""
+    """`Log` of NumPy arrays, T rows"""
 
 
 def history(scenario: Scenario, log: Log) -> History:
     """An episode as arrays, from a scenario without batch axis and its trajectory."""
     scenario, log = as_numpy(scenario), as_numpy(log)
-    times = _path_times(log)
     kept = max(1, int(np.sum(log.time < scenario.duration - 1e-4)))
-    rows = jax.tree.map(lambda leaf: leaf[:kept], dataclasses.replace(log, path=log.time))
-    times = times[times <= rows.time[-1]]
-    return History(scenario, dataclasses.replace(rows, path=log.path[: len(times)]), times)
-
-
-def _path_times(log: Any) -> Floats:
-    """Times of the path searches, which come every so many ticks and whose number is that of the paths."""
-    ticks, paths, default = len(log.time), len(log.path), PlannerConfig()
-    every = round(default.reference.replan / default.horizon.tick)
-    if -(-ticks // every) != paths:
-        every = -(-ticks // max(paths, 1))
-    return log.time[::every][:paths]
+    rows = jax.tree.map(lambda leaf: leaf[:kept], dataclasses.replace(log, path=log.time, path_time=log.time))
+    searched = log.path_time <= rows.time[-1]
+    rows = dataclasses.replace(rows, path=log.path[searched], path_time=log.path_time[searched])
+    return History(scenario, rows)
 
 
 def robot_names(scenario: Scenario) -> list[str]:
@@ -100,7 +88,7 @@ def goal_errors(scenario: Scenario, pose: Floats) -> tuple[Floats, Floats]:
 
 def scene_points(episode: History) -> Floats:
     """[n, 2] m, corners of squares about what matters: the ways of all bodies, the goal, near obstacles."""
-    scenario, log, _ = episode
+    scenario, log = episode
     radius = 0.3 + float(np.max(np.linalg.norm(scenario.object.vertices, axis=1)))
     bodies = [
         log.view.pose[::10, :2],

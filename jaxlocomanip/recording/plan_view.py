@@ -28,7 +28,7 @@ FAINTEST = 0.22
 
 def draw_plan_view(axes: Axes, episode: History) -> None:
     """Draw an episode from above: bodies at even intervals of the way, fading into the past."""
-    scenario, log, _ = episode
+    scenario, log = episode
     rows = snapshot_rows(log.view.pose)
     fades = np.linspace(FAINTEST, 1.0, len(rows))
     for path in log.path:
@@ -43,18 +43,14 @@ def draw_plan_view(axes: Axes, episode: History) -> None:
         layer = 3.0 + fade
         _fill(axes, to_world(log.view.pose[row], footprint), palette.OBJECT, fade, layer)
         for i, pose in enumerate(log.view.robots[row]):
-            _draw_robot(
-                axes, pose, rectangle(half_length[i], half_width[i]), palette.robot_color(i), fade, layer
-            )
+            _draw_robot(axes, pose, rectangle(half_length[i], half_width[i]), palette.robot_color(i), fade, layer)
     _label_times(axes, episode, rows)
     low, high = _fitted(scene_points(episode))
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="y [m]")
     axes.set_aspect("equal", adjustable="box")
     axes.grid(color="0.92", lw=0.8)
     axes.set_axisbelow(True)
-    axes.legend(
-        handles=_legend(episode), loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=5, frameon=False
-    )
+    axes.legend(handles=_legend(episode), loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=5, frameon=False)
 
 
 def snapshot_rows(pose: Floats) -> NDArray[np.integer[Any]]:
@@ -88,7 +84,7 @@ def _draw_robot(axes: Axes, pose: Floats, corners: Floats, color: RGB, fade: flo
 
 
 def _draw_obstacles(axes: Axes, episode: History, rows: NDArray[np.integer[Any]], fades: Floats) -> None:
-    scenario, log, _ = episode
+    scenario, log = episode
     obstacles = scenario.obstacles
     for k in np.flatnonzero(obstacles.mask):
         shape = geometry.outline(obstacles.vertices[k], float(obstacles.radius[k]))
@@ -119,7 +115,7 @@ def _draw_goal(axes: Axes, episode: History) -> None:
 
 def _label_times(axes: Axes, episode: History, rows: NDArray[np.integer[Any]]) -> None:
     """Write each snapshot's time on the object, unless it would cover the label before it."""
-    _, log, _ = episode
+    log = episode.log
     size = float(np.max(np.linalg.norm(episode.scenario.object.vertices, axis=1)))
     taken: list[Floats] = []
     for row in rows:
@@ -154,9 +150,7 @@ def _legend(episode: History) -> list[Any]:
     if np.any(dynamic):
         handles.append(body(palette.MOVING_OBSTACLE, "moving obstacle"))
     trail = unit(palette.TRAIL)
-    handles.append(
-        Line2D([], [], color=trail, lw=1.6, marker="o", mfc="white", mec=trail, label="object's way, start")
-    )
+    handles.append(Line2D([], [], color=trail, lw=1.6, marker="o", mfc="white", mec=trail, label="object's way, start"))
     handles.append(Line2D([], [], color=unit(palette.PATH), lw=0.8, label="paths searched"))
     handles.append(Line2D([], [], color=unit(palette.GOAL), lw=1.8, ls=(0, (4, 2)), label="goal, tolerance"))
     return handles

@@ -50,9 +50,7 @@ def _placed_geoms(root: ElementTree.Element) -> Iterator[tuple[ElementTree.Eleme
     qpos = _numbers(key.attrib["qpos"])
     angles = iter(qpos[7:])  # after the free joint, in document order
     axes = {
-        d.attrib["class"]: _numbers(j.attrib["axis"])
-        for d in root.iter("default")
-        for j in d.findall("joint[@axis]")
+        d.attrib["class"]: _numbers(j.attrib["axis"]) for d in root.iter("default") for j in d.findall("joint[@axis]")
     }
 
     def walk(

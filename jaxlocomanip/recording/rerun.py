@@ -85,7 +85,7 @@ def write_recording(path: Path, name: str, scenario: Scenario, log: Log) -> None
 
 
 def _about(name: str, episode: History) -> str:
-    scenario, log, _ = episode
+    scenario, log = episode
     team = ", ".join(robot_names(scenario))
     x, y, heading = scenario.goal.pose
     return f"""# {name}
@@ -111,9 +111,7 @@ def _columns(recording: RecordingStream, path: str, times: Floats, columns: Iter
 
     from jaxlocomanip.recording.blueprint import TIMELINE
 
-    recording.send_columns(
-        path, indexes=[rr.TimeColumn(TIMELINE, duration=times.astype(float))], columns=columns
-    )
+    recording.send_columns(path, indexes=[rr.TimeColumn(TIMELINE, duration=times.astype(float))], columns=columns)
 
 
 def _send_line(recording: RecordingStream, path: str, line: Line, times: Floats) -> None:
@@ -175,15 +173,11 @@ def _send_ground(recording: RecordingStream, episode: History, places: Floats) -
 
     scenario = episode.scenario
     low, high = np.floor(places.min(axis=0)), np.ceil(places.max(axis=0))
-    plane = geometry.prism(
-        np.array([low, [high[0], low[1]], high, [low[0], high[1]]]), -0.02, 0.0, palette.GROUND
-    )
+    plane = geometry.prism(np.array([low, [high[0], low[1]], high, [low[0], high[1]]]), -0.02, 0.0, palette.GROUND)
     _send_mesh(recording, "world/ground", plane)
     lines = [[[x, low[1], 0.002], [x, high[1], 0.002]] for x in np.arange(low[0], high[0] + 0.5)]
     lines += [[[low[0], y, 0.002], [high[0], y, 0.002]] for y in np.arange(low[1], high[1] + 0.5)]
-    recording.log(
-        "world/ground/grid", rr.LineStrips3D(lines, radii=0.004, colors=(196, 201, 208)), static=True
-    )
+    recording.log("world/ground/grid", rr.LineStrips3D(lines, radii=0.004, colors=(196, 201, 208)), static=True)
 
     pose, goal = scenario.goal.pose, "world/goal"
     footprint = geometry.outline(scenario.object.vertices, 0.0)
@@ -204,15 +198,13 @@ def _send_bodies(recording: RecordingStream, episode: History) -> None:
     """The object with its centre of mass, and the robots."""
     import rerun as rr
 
-    scenario, log, _ = episode
+    scenario, log = episode
     height = float(scenario.object.height)
     footprint = geometry.outline(scenario.object.vertices, 0.0)
     _send_mesh(recording, "world/object", geometry.prism(footprint, 0.0, height, palette.OBJECT))
     edges = [_closed(footprint, height), _closed(footprint, 0.004)]
     edges += [np.array([[*p, 0.0], [*p, height]]) for p in footprint]
-    recording.log(
-        "world/object/edges", rr.LineStrips3D(edges, radii=0.006, colors=palette.TRAIL), static=True
-    )
+    recording.log("world/object/edges", rr.LineStrips3D(edges, radii=0.006, colors=palette.TRAIL), static=True)
     _send_poses(recording, "world/object", log.time, log.view.pose)
     top = height + 0.01
     truth = rr.Points3D([*scenario.truth.com, top], radii=0.03, colors=palette.INK)
@@ -223,14 +215,12 @@ def _send_bodies(recording: RecordingStream, episode: History) -> None:
     _columns(recording, estimate, log.time, rr.Points3D.columns(positions=_lifted(com, top + 0.02)))
     for i, name in enumerate(robot_names(scenario)):
         path = f"world/robots/{name}"
-        _send_mesh(
-            recording, path, quadruped(ROBOT_TYPES[int(scenario.team.kind[i])], palette.robot_color(i))
-        )
+        _send_mesh(recording, path, quadruped(ROBOT_TYPES[int(scenario.team.kind[i])], palette.robot_color(i)))
         _send_poses(recording, path, log.time, log.view.robots[:, i])
 
 
 def _send_obstacles(recording: RecordingStream, episode: History) -> None:
-    scenario, log, _ = episode
+    scenario, log = episode
     obstacles = scenario.obstacles
     for k in np.flatnonzero(obstacles.mask):
         moving = bool(obstacles.dynamic[k])
@@ -247,7 +237,7 @@ def _send_forces(recording: RecordingStream, episode: History) -> None:
     """Pushes that act, as arrows from the contact points over the object's top."""
     import rerun as rr
 
-    scenario, log, _ = episode
+    scenario, log = episode
     height = float(scenario.object.height) + 0.05
     points = _lifted(contact_points(scenario, log.view.pose, log.view.offset), height)
     directions = _lifted(push_directions(scenario, log.view.pose), 0.0)
@@ -262,14 +252,14 @@ def _send_intentions(recording: RecordingStream, episode: History) -> None:
     """Path, plan and reference, and the trail of what became of them."""
     import rerun as rr
 
-    scenario, log, path_times = episode
+    scenario, log = episode
     period = float(log.time[1] - log.time[0]) if len(log.time) > 1 else BULKY_PERIOD
 
     def strips(path: str, times: Floats, points: Floats, color: palette.RGB, radius: float) -> None:
         recording.log(path, rr.LineStrips3D.from_fields(colors=color, radii=radius), static=True)
         _columns(recording, path, times, rr.LineStrips3D.columns(strips=points.astype(np.float32)))
 
-    strips("world/path", path_times, _lifted(log.path, 0.012), palette.PATH, 0.008)
+    strips("world/path", log.path_time, _lifted(log.path, 0.012), palette.PATH, 0.008)
     rows = slice(None, None, max(1, round(BULKY_PERIOD / period)))
     strips("world/plan", log.time[rows], _lifted(log.plan[rows], 0.025), palette.PLAN, 0.014)
     rows = slice(None, None, max(1, round(TRAIL_PERIOD / period)))

@@ -60,15 +60,13 @@ def _still(key: str, label: str, value: Any) -> Line:
 
 
 def _pushing(episode: History) -> list[Plot]:
-    scenario, log, _ = episode
+    scenario, log = episode
     names = robot_names(scenario)
     forces, offsets = [], []
     for i, name in enumerate(names):
         color = palette.robot_color(i)
         pale: RGB = tuple(int(0.45 * c + 0.55 * 235) for c in color)  # pyright: ignore[reportAssignmentType]
-        forces.append(
-            Line(f"{name}/commanded", f"{name} commanded", log.command.force[:, i], pale, 1.0, True)
-        )
+        forces.append(Line(f"{name}/commanded", f"{name} commanded", log.command.force[:, i], pale, 1.0, True))
         forces.append(Line(f"{name}/exerted", f"{name} exerted", log.view.force[:, i], color))
         offsets.append(Line(name, name, log.view.offset[:, i], color))
     distance, turn = goal_errors(scenario, log.view.pose)
@@ -86,7 +84,7 @@ def _pushing(episode: History) -> list[Plot]:
 
 
 def _safety(episode: History) -> list[Plot]:
-    _, log, _ = episode
+    log = episode.log
     apart, report = log.clearances, log.report
     clearances = [
         Line("object", "object to obstacles", finite_clearance(apart.object), OBJECT),
@@ -110,7 +108,7 @@ def _safety(episode: History) -> list[Plot]:
 
 
 def _adaptation(episode: History) -> list[Plot]:
-    scenario, log, _ = episode
+    scenario, log = episode
     psi, truth = log.parameters, scenario.truth
     true_psi = np.asarray(from_body(truth))
     com = psi_com(psi)

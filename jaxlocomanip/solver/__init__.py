@@ -1,0 +1,1 @@
+"""Sequential quadratic programming for optimal control; knows nothing of robots."""

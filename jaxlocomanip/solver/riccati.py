@@ -1,7 +1,7 @@
 """The equality-constrained linear-quadratic subproblem, solved by a Riccati recursion.
 
-    minimise   sum_{k<N} 1/2 z_k' H_k z_k + g_k' z_k  +  1/2 dx_N' H_N dx_N + g_N' dx_N,   z_k = [dx_k, du_k]
-    subject to dx_{k+1} = F_k z_k + c_k,   dx_0 given.
+minimise   sum_{k<N} 1/2 z_k' H_k z_k + g_k' z_k  +  1/2 dx_N' H_N dx_N + g_N' dx_N,   z_k = [dx_k, du_k]
+subject to dx_{k+1} = F_k z_k + c_k,   dx_0 given.
 """
 
 from __future__ import annotations
@@ -84,6 +84,4 @@ def solve(lq: LinearQuadratic, dx0: Array, regularisation: Floats) -> Direction:
     _, (dxs, dus) = jax.lax.scan(forward, dx0, (lq.dynamics, lq.defect, feedforward, feedback))
     costates = jnp.einsum("kij,kj->ki", values, dxs) + slopes
     first = value0 @ dx0 + slope0
-    return Direction(
-        jnp.concatenate([dx0[None], dxs]), dus, jnp.concatenate([first[None], costates]), feedback
-    )
+    return Direction(jnp.concatenate([dx0[None], dxs]), dus, jnp.concatenate([first[None], costates]), feedback)

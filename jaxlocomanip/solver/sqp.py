@@ -104,10 +104,7 @@ def solve(problem: Problem, x0: Array, iterate: Iterate, options: Options) -> It
 
 def evaluate(problem: Problem, plan: Plan) -> tuple[Array, Array]:
     """Objective [] and l1 norm [] of the dynamics defects of a plan."""
-
-    costs, nexts = jax.vmap(lambda x, u, data: stage_cost(problem, x, u, data))(
-        plan.xs[:-1], plan.us, problem.stages
-    )
+    costs, nexts = jax.vmap(lambda x, u, data: stage_cost(problem, x, u, data))(plan.xs[:-1], plan.us, problem.stages)
     final = 0.5 * jnp.sum(problem.terminal(plan.xs[-1]) ** 2)
     return jnp.sum(costs) + final, jnp.sum(jnp.abs(nexts - plan.xs[1:]))
 
@@ -140,9 +137,7 @@ def linearise(problem: Problem, plan: Plan) -> tuple[LinearQuadratic, Array]:
     residual = problem.terminal(plan.xs[-1])
     rows = jax.jacfwd(problem.terminal)(plan.xs[-1])
     defect = models.next_state - plan.xs[1:]
-    lq = LinearQuadratic(
-        models.hessian, models.gradient, models.dynamics, defect, rows.T @ rows, rows.T @ residual
-    )
+    lq = LinearQuadratic(models.hessian, models.gradient, models.dynamics, defect, rows.T @ rows, rows.T @ residual)
     return lq, jnp.sum(models.cost) + 0.5 * jnp.sum(residual**2)
 
 
@@ -168,7 +163,13 @@ def _iteration(problem: Problem, iterate: Iterate, options: Options) -> Iterate:
     )
     damping = jnp.where(accept, jnp.maximum(iterate.damping / 10.0, options.damping), iterate.damping * 30.0 + 1e-5)
     moved = Iterate(
-        jax.tree.map(lambda leaf: leaf[best], tried), damping, costs[best], defects[best], step, lengths[best], status
+        jax.tree.map(lambda leaf: leaf[best], tried),
+        damping,
+        costs[best],
+        defects[best],
+        step,
+        lengths[best],
+        status,
     )
     kept = Iterate(plan, damping, cost, defect, step, jnp.zeros_like(step), status)
     result = select(accept, moved, kept)
@@ -181,4 +182,3 @@ def _iteration(problem: Problem, iterate: Iterate, options: Options) -> Iterate:
         result.length,
         result.status.astype(jnp.int32),
     )
-

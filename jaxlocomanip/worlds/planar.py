@@ -1,8 +1,8 @@
 """The planar world: a rigid body on a floor with Coulomb friction, pushed by ideal robots.
 
-Friction follows the coupled limit surface of `planar.dynamics` with exact sticking. A robot's push follows the command after a
-first-order lag and fades as the contact recedes faster than the robot can walk; the robot slides along its face, limited by
-how fast it can walk sideways while the face itself moves.
+Friction follows the coupled limit surface of `planar.dynamics` with exact sticking. A robot's push follows the
+command after a first-order lag and fades as the contact recedes faster than the robot can walk; the robot slides
+along its face, limited by how fast it can walk sideways while the face itself moves.
 """
 
 from __future__ import annotations

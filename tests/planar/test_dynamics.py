@@ -49,7 +49,11 @@ def test_mass_and_coriolis_matrices(x64):
 def test_kinetic_energy_is_the_same_at_both_points(x64):
     rng = np.random.default_rng(1)
     for _ in range(10):
-        body, theta, twist = random_body(rng), jnp.asarray(rng.uniform(-3, 3)), jnp.asarray(rng.normal(size=3))
+        body, theta, twist = (
+            random_body(rng),
+            jnp.asarray(rng.uniform(-3, 3)),
+            jnp.asarray(rng.normal(size=3)),
+        )
         central = dynamics.to_com(body, theta, twist)
         here = 0.5 * twist @ dynamics.mass_matrix(body, theta) @ twist
         there = 0.5 * np.sum(at_com(body)[0] * np.asarray(central) ** 2)
@@ -86,7 +90,11 @@ def test_contact_wrench_is_the_sum_of_the_pushes(x64):
 def test_friction_wrench_lies_on_the_limit_surface_and_dissipates(x64):
     rng = np.random.default_rng(3)
     for _ in range(20):
-        body, theta, twist = random_body(rng), jnp.asarray(rng.uniform(-3, 3)), jnp.asarray(rng.normal(size=3))
+        body, theta, twist = (
+            random_body(rng),
+            jnp.asarray(rng.uniform(-3, 3)),
+            jnp.asarray(rng.normal(size=3)),
+        )
         wrench = np.asarray(dynamics.friction_wrench(body, theta, twist, 0.0))
         arm = np.asarray(rotate(theta, body.com))
         moment = wrench[2] - (arm[0] * wrench[1] - arm[1] * wrench[0])

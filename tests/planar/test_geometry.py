@@ -132,11 +132,18 @@ def test_point_distance_slope_against_finite_differences(x64):
         for point in rng.uniform(-1.5, 1.5, (60, 2)):
             steps = [np.array([h, 0.0]), np.array([0.0, h])]
             seen = [feature(jnp.asarray(point + s), vertices) for d in steps for s in (d, -d)]
-            same = all(np.allclose(a, b) for f in seen[1:] for a, b in zip(jax.tree.leaves(f), jax.tree.leaves(seen[0]), strict=True))
+            same = all(
+                np.allclose(a, b)
+                for f in seen[1:]
+                for a, b in zip(jax.tree.leaves(f), jax.tree.leaves(seen[0]), strict=True)
+            )
             if not same:
                 continue  # another corner or edge within the step: a kink
             difference = [
-                float(point_distance(jnp.asarray(point + d), vertices, 0.0) - point_distance(jnp.asarray(point - d), vertices, 0.0))
+                float(
+                    point_distance(jnp.asarray(point + d), vertices, 0.0)
+                    - point_distance(jnp.asarray(point - d), vertices, 0.0)
+                )
                 / (2.0 * h)
                 for d in steps
             ]

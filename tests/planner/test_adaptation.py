@@ -52,7 +52,11 @@ def test_projection_keeps_a_possible_body_and_moves_others_to_the_box(x64, make_
 
 def learn(model, believed, true, push, settings=SETTINGS):
     """Friction estimate after one tick of a push on an object at rest, from the difference in velocity."""
-    psi = regressor.from_body(dataclasses.replace(model.body, friction_force=jnp.asarray(believed), friction_moment=jnp.asarray(0.2 * believed)))
+    psi = regressor.from_body(
+        dataclasses.replace(
+            model.body, friction_force=jnp.asarray(believed), friction_moment=jnp.asarray(0.2 * believed)
+        )
+    )
     real = dataclasses.replace(model.body, friction_force=jnp.asarray(true), friction_moment=jnp.asarray(0.2 * true))
     still, wrench = jnp.zeros(3), jnp.array([push, 0.0, 0.0])
     observed = dynamics.step(real, still, still, wrench, TICK, 0.0)[1]
@@ -115,7 +119,9 @@ def test_reference_slope_is_the_regressor_of_the_paper(x64, make_scenario):
     assert np.abs(on_it).max() == 0.0
     target, target_twist = pose + jnp.array([0.1, 0.0, -0.1]), twist + jnp.array([0.2, 0.1, 0.0])
     s = (twist - target_twist) + 3.0 * (pose - target)
-    body = dataclasses.replace(regressor.to_body(psi), friction_force=jnp.asarray(0.0), friction_moment=jnp.asarray(0.0))
+    body = dataclasses.replace(
+        regressor.to_body(psi), friction_force=jnp.asarray(0.0), friction_moment=jnp.asarray(0.0)
+    )
     needed = dynamics.mass_matrix(body, pose[2]) @ (-3.0 * (twist - target_twist))
     needed = needed + dynamics.coriolis_matrix(body, pose[2], twist[2]) @ (twist - s)
     off_it = adaptation.reference_slope(pose, twist, target, target_twist, psi, 3.0, 0.02)

@@ -63,7 +63,10 @@ def test_sharing_scales_with_the_wrench(x64, team):
 
 def test_pushability_of_two_robots_on_neighbouring_faces(x64, team, body):
     misfit = pushability_jit(
-        team(2), body, jnp.array([[1.0, 0, 0], [0, 1.0, 0], [0.7, 0.7, 0], [-1.0, 0, 0], [0, -1.0, 0]]), RADIUS
+        team(2),
+        body,
+        jnp.array([[1.0, 0, 0], [0, 1.0, 0], [0.7, 0.7, 0], [-1.0, 0, 0], [0, -1.0, 0]]),
+        RADIUS,
     )
     assert (misfit[:3] < 0.02).all()
     assert (misfit[3:] > 0.9).all()

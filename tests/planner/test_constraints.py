@@ -49,9 +49,7 @@ class Case:
 
     def conditions(self):
         """Unscaled conditions of the object [K, N_o] and the robots [N_r ROBOT_DISCS, N_o]."""
-        seen = constraints.look(
-            self.x[:3], self.x[6:], self.places, self.velocity, self.shapes, self.settings.margin
-        )
+        seen = constraints.look(self.x[:3], self.x[6:], self.places, self.velocity, self.shapes, self.settings.margin)
         args = self.motion(), self.shapes, seen, self.settings
         scale, count = self.settings.cbf_scale, self.places.shape[0]
         objects = constraints.object_conditions(*args).reshape(-1, count) / scale
@@ -161,9 +159,7 @@ def test_lyapunov_condition_is_the_decrease_of_the_composite_error(x64, random_c
     target, target_twist = pose + jnp.array([0.2, -0.1, 0.3]), jnp.array([0.3, 0.1, -0.2])
     points = case.shapes.team.contact_points(case.x[6:])
     wrench = dynamics.contact_wrench(pose[2], points, case.shapes.team.normal, case.u[:2])
-    found = constraints.lyapunov_condition(
-        pose, twist, wrench, body, target, target_twist, settings, SMOOTHING
-    )
+    found = constraints.lyapunov_condition(pose, twist, wrench, body, target, target_twist, settings, SMOOTHING)
     rate = settings.clf_rate
 
     def energy(t):

@@ -1,4 +1,5 @@
-"""The optimal control problem: its written-out model equals automatic differentiation, and absent obstacles are absent."""
+"""The optimal control problem: its written-out model equals automatic differentiation, and absent obstacles are
+absent."""
 
 import dataclasses
 

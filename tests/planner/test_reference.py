@@ -83,7 +83,9 @@ def test_targets_run_along_the_path_and_come_to_rest_at_the_goal(x64, path):
     assert np.allclose(made.pose[-1], GOAL, atol=1e-6)
     assert np.abs(made.twist[-1]).max() < 1e-6
     assert np.abs(made.force[-1]).max() < 1e-3
-    speed = np.sqrt(np.sum(np.asarray(made.twist[:, :2]) ** 2, axis=1) + (TURN_RADIUS * np.asarray(made.twist[:, 2])) ** 2)
+    speed = np.sqrt(
+        np.sum(np.asarray(made.twist[:, :2]) ** 2, axis=1) + (TURN_RADIUS * np.asarray(made.twist[:, 2])) ** 2
+    )
     assert speed[0] == pytest.approx(SETTINGS.speed, rel=1e-3)
     assert speed.max() <= SETTINGS.speed * (1.0 + 1e-3)
     assert (np.diff(speed) <= 1e-3).all()

@@ -110,9 +110,7 @@ def test_force_arrows_start_at_the_contact(recorded, made_up):
     pose = result.log.view.pose[:ROWS]
     back = pose[:, :2] - 0.4 * np.stack([np.cos(pose[:, 2]), np.sin(pose[:, 2])], axis=1)
     np.testing.assert_allclose(origins[:, :2], back, atol=1e-6)  # the middle of the rear face of a 0.8 m box
-    np.testing.assert_allclose(
-        np.linalg.norm(vectors, axis=1), 0.01 * result.log.view.force[:ROWS, 0], atol=1e-6
-    )
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 0.01 * result.log.view.force[:ROWS, 0], atol=1e-6)
 
 
 def test_alone_in_its_folder(recorded):

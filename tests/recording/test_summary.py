@@ -31,9 +31,7 @@ def test_numbers_keep_the_digits_of_float32():
 
 def test_every_field_of_the_outcome_is_in_the_record():
     solver = {"ticks", "nonfinite", "converged"}
-    assert summary.outcome_record(outcome()).keys() == Outcome.__dataclass_fields__.keys() - solver | {
-        "solver"
-    }
+    assert summary.outcome_record(outcome()).keys() == Outcome.__dataclass_fields__.keys() - solver | {"solver"}
 
 
 def test_what_does_not_exist_is_null():

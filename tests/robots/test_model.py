@@ -44,9 +44,7 @@ def test_rectangle_is_plausible(name):
     assert 0.5 < 2 * robot.half_length < 0.75
     assert 0.28 < 2 * robot.half_width < 0.36
     assert robot.reach == robot.half_length
-    assert (
-        robot.reach < robot.trunk_offset < 2 * robot.reach
-    )  # the trunk's origin lies behind the centre, inside
+    assert robot.reach < robot.trunk_offset < 2 * robot.reach  # the trunk's origin lies behind the centre, inside
 
 
 @every_robot
@@ -65,9 +63,7 @@ def test_fields_are_plain_and_frozen():
     assert load_robot("go1") is robot
 
 
-@pytest.mark.parametrize(
-    ("given", "nearest"), [("Go2", "go1"), ("alien", "aliengo"), ("A1", "a1"), ("", None)]
-)
+@pytest.mark.parametrize(("given", "nearest"), [("Go2", "go1"), ("alien", "aliengo"), ("A1", "a1"), ("", None)])
 def test_unknown_type_names_value_choices_and_nearest(given, nearest):
     with pytest.raises(ValueError, match="robot type") as error:
         load_robot(given)

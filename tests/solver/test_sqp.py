@@ -121,8 +121,9 @@ def test_merit_never_rises(x64):
     """phi = cost + 1.5 max |costate| |defect|_1, the weight being that of the iteration."""
     problem, x0 = pendulum(), jnp.zeros(2)
     merit_weight = jax.jit(
-        lambda plan, damping: 1.5
-        * jnp.max(jnp.abs(riccati.solve(sqp.linearise(problem, plan)[0], jnp.zeros(2), damping).costates))
+        lambda plan, damping: (
+            1.5 * jnp.max(jnp.abs(riccati.solve(sqp.linearise(problem, plan)[0], jnp.zeros(2), damping).costates))
+        )
     )
     now = sqp.start(bad_guess(), OPTIONS)
     now = dataclasses.replace(now, plan=Plan(now.plan.xs.at[0].set(x0), now.plan.us))

@@ -1,0 +1,1 @@
+"""Latency, start-up and throughput of the planner on this machine: `python -m benchmarks`."""

@@ -1,0 +1,64 @@
+"""Start-up and speed of one closed-loop episode in fresh processes, without and with a compilation cache."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+SCENARIO = "adaptive"
+ROOT = Path(__file__).parents[1]
+
+
+def measure() -> dict[str, Any]:
+    """Two runs of the same episode in fresh processes that share one, at first empty, compilation cache."""
+    with tempfile.TemporaryDirectory() as cache:
+        environment = {
+            **os.environ,
+            "JAX_COMPILATION_CACHE_DIR": cache,
+            "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+        }
+        return {"scenario": SCENARIO, **{name: _in_fresh_process(environment) for name in ("cold", "cached")}}
+
+
+def _in_fresh_process(environment: dict[str, str]) -> dict[str, Any]:
+    start = time.perf_counter()
+    command = [sys.executable, "-m", "benchmarks.episode"]
+    done = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    return {**json.loads(done.stdout), "process_s": round(time.perf_counter() - start, 3)}
+
+
+def run() -> dict[str, Any]:
+    """The episode in this process: times in s, simulated seconds a wall second, and whether the goal was reached."""
+    start = time.perf_counter()
+    import jax
+
+    from jaxlocomanip import build_scenario, compiled, find_scenario
+
+    spec = find_scenario(SCENARIO)
+    scenario = build_scenario(spec)
+    ready = time.perf_counter()
+    program = compiled(scenario, record=True)
+    built = time.perf_counter()
+    result = jax.block_until_ready(program(0))
+    first = time.perf_counter()
+    jax.block_until_ready(program(0))
+    second = time.perf_counter()
+    return {
+        "import_s": round(ready - start, 3),
+        "compile_s": round(built - ready, 3),
+        "first_run_s": round(first - built, 3),
+        "second_run_s": round(second - first, 3),
+        "simulated_s": spec.duration,
+        "speed": round(spec.duration / (second - first), 2),
+        "reached": bool(result.outcome.reached),
+    }
+
+
+if __name__ == "__main__":
+    print(json.dumps(run()))

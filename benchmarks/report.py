@@ -1,0 +1,90 @@
+"""The results as a Markdown table, for the terminal and for a page that shows the headline figures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from jaxlocomanip.checked import InputError
+from jaxlocomanip.files import write_whole
+
+BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
+"""Marks of the part of a page that `update` replaces."""
+
+
+class Row(NamedTuple):
+    """One line of the table."""
+
+    what: str
+    figure: str
+    headline: bool
+
+
+def table(measured: Mapping[str, Any], headlines: bool = False) -> str:
+    """All results, or the headline figures only, as aligned Markdown with the machine below."""
+    rows = [row for row in _rows(measured) if row.headline or not headlines]
+    cells = [("measured", "figure"), *((row.what, row.figure) for row in rows)]
+    widths = [max(len(cell[i]) for cell in cells) for i in range(2)]
+    lines = [_line(cell, widths) for cell in cells]
+    rule = f"|{'-' * (widths[0] + 2)}|{'-' * (widths[1] + 2)}|"
+    return "\n".join([lines[0], rule, *lines[1:], "", _machine(measured["environment"])])
+
+
+def refuse_without_marks(page: Path) -> str:
+    """The text of a page that has the marks.
+
+    Raises:
+      InputError: the page cannot be read or has no marks.
+    """
+    try:
+        text = page.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{page}: cannot be read ({error})") from error
+    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
+        raise InputError(f"{page}: must hold {BEGIN} and, after it, {END} once each")
+    return text
+
+
+def update(page: Path, measured: Mapping[str, Any]) -> None:
+    """Replace what stands between the marks of a page by the headline figures."""
+    head, _, rest = refuse_without_marks(page).partition(BEGIN)
+    tail = rest.partition(END)[2]
+    write_whole(page, f"{head}{BEGIN}\n{table(measured, headlines=True)}\n{END}{tail}")
+
+
+def _rows(measured: Mapping[str, Any]) -> Iterator[Row]:
+    for record in measured.get("latency", []):
+        stages = record["stages"]
+        for part, times in record["parts_ms"].items():
+            name = f"one planner tick, N = {stages}" if part == "tick" else f"  {part}, N = {stages}"
+            spread = f"{times['median']:.2f} ms median ({times['min']:.2f} min, {times['p90']:.2f} p90)"
+            yield Row(name, spread, part in ("tick", "path search") and (part == "tick" or stages == 30))
+    if "episode" in measured:
+        episode = measured["episode"]
+        name, cold, cached = f"`{episode['scenario']}`", episode["cold"], episode["cached"]
+        yield Row(f"{name}: compile, cold", f"{cold['compile_s']:.1f} s", True)
+        yield Row(f"{name}: start, compiled before", f"{cached['compile_s']:.1f} s", True)
+        for label, run in (("cold", cold), ("compiled before", cached)):
+            yield Row(f"{name}: whole process, {label}", f"{run['process_s']:.1f} s", False)
+        seconds = f"{cached['simulated_s']:.0f} s in {cached['second_run_s']:.2f} s"
+        yield Row(f"{name}: closed loop", f"{seconds} ({cached['speed']:.1f} x real time)", True)
+    for record in measured.get("batch", []):
+        lanes = f"{record['lanes']} lane" + ("s" if record["lanes"] > 1 else "")
+        yield Row(f"batch of {lanes}: throughput", f"{record['speed']:.1f} scenario-s per wall s", True)
+        yield Row(f"batch of {lanes}: compile", f"{record['compile_s']:.1f} s", False)
+
+
+def _machine(environment: Mapping[str, Any]) -> str:
+    loads = (environment["load_before"] or ["?"])[0], (environment["load_after"] or ["?"])[0]
+    return (
+        f"Device: {environment['device']} ({environment['device_kind']}, {environment['cpus']} CPUs), "
+        f"{environment['dtype']}; Python {environment['python']}, jax {environment['jax']}, "
+        f"jaxlib {environment['jaxlib']}, numpy {environment['numpy']}; load {loads[0]} before, {loads[1]} after; "
+        f"{environment['date']}."
+    )
+
+
+def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
+    padded = [cell.ljust(width) for cell, width in zip(cells, widths, strict=True)]
+    return f"| {' | '.join(padded)} |"
