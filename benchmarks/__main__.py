@@ -53,10 +53,11 @@ def measure(sections: Sequence[str], quick: bool) -> dict[str, Any]:
     """All results of the sections, as plain Python values."""
     from benchmarks import batch, environment, episode, latency
 
+    lanes = (1, 8, 32) if quick else (1, 8, 32, 64)
     run = {
         "latency": lambda: latency.measure(calls=200 if quick else 500),
         "episode": episode.measure,
-        "batch": lambda: batch.measure(lanes=(1, 8, 32) if quick else (1, 8, 32, 64), repeats=1 if quick else 3),
+        "batch": lambda: batch.measure(lanes, repeats=1 if quick else 3),
     }
     measured: dict[str, Any] = {"environment": environment.describe(), "quick": quick}
     for name in SECTIONS:
@@ -68,7 +69,9 @@ def measure(sections: Sequence[str], quick: bool) -> dict[str, Any]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks", description="Latency, start-up and throughput on this machine."
+    )
     add = parser.add_argument
     add("--quick", action="store_true", help="fewer calls and repetitions, and no batch of 64")
     add("--out", default="out/benchmarks", metavar="DIR", help="output directory (default: %(default)s)")
@@ -76,12 +79,12 @@ def _parser() -> argparse.ArgumentParser:
         "--only",
         action="append",
         choices=SECTIONS,
-        help="measure this section; may be repeated (default: all)",
+        help="measure only this; may be repeated",
     )
     add(
         "--update",
         metavar="PAGE",
-        help="Markdown page whose marked table is replaced by the headline figures",
+        help="Markdown page whose marked table gets the headline figures",
     )
     return parser
 

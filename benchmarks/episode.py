@@ -34,7 +34,7 @@ def _in_fresh_process(environment: dict[str, str]) -> dict[str, Any]:
 
 
 def run() -> dict[str, Any]:
-    """The episode in this process: times in s, simulated seconds a wall second, and whether the goal was reached."""
+    """The episode in this process: times in s, simulated over wall time, and whether it reached."""
     start = time.perf_counter()
     import jax
 

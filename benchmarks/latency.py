@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from benchmarks.timing import milliseconds
+from benchmarks.timing import compiled, milliseconds
 from jaxlocomanip import PlannerConfig, build_scenario, find_scenario
 from jaxlocomanip.numerics import pytree
 from jaxlocomanip.planner import nmpc, problem, reference, safety
@@ -47,55 +48,72 @@ class Situation:
     x0: Array
 
 
-def measure(calls: int) -> list[dict[str, Any]]:
-    """One record for each horizon in `STAGES`: stages, sqp_iterations and the times of the parts in ms."""
-    return [_measure(stages, calls) for stages in STAGES]
-
-
-def _measure(stages: int, calls: int) -> dict[str, Any]:
+def measure(calls: int) -> dict[str, Any]:
+    """Times in ms of the parts that do not depend on the horizon, and of the others for each horizon in `STAGES`."""
     base = PlannerConfig()
-    config = dataclasses.replace(base, horizon=dataclasses.replace(base.horizon, steps=stages))
-    s = situation(config)
+    horizons, common = [], {}
+    for stages in STAGES:
+        config = dataclasses.replace(base, horizon=dataclasses.replace(base.horizon, steps=stages))
+        tick = compiled(nmpc.tick)
+        s = situation(jax.device_put(config), tick)
+        parts = {
+            "tick": milliseconds(tick, s.state, s.measured, s.task, s.config, calls=calls),
+            **_timed(_depending(s), calls),
+        }
+        iterations = config.horizon.sqp_iterations
+        horizons.append({"stages": stages, "sqp_iterations": iterations, "parts_ms": parts})
+        common = common or _timed(_independent(s), calls)
+    return {"horizons": horizons, "common_ms": common}
+
+
+def _timed(parts: Mapping[str, tuple[Any, ...]], calls: int) -> dict[str, dict[str, float | int]]:
+    return {name: milliseconds(compiled(part), *arguments, calls=calls) for name, (part, *arguments) in parts.items()}
+
+
+def _depending(s: Situation) -> dict[str, tuple[Any, ...]]:
+    """Parts of a tick whose work grows with the horizon: a function and its arguments each."""
     lq, _ = jax.jit(sqp.linearise)(s.problem, s.solver.plan)
-    settings = nmpc.options(config)
-    direction = jax.jit(riccati.solve)(lq, jnp.zeros_like(s.x0), s.solver.damping)
-    lengths = jnp.asarray(settings.step_lengths)
-    observed = nmpc.observe(s.state, s.measured, s.task, config)
-    targets = _targets(s.state, config)
-    force = s.solver.plan.us[0, : s.push.force.shape[0]]
-    parts = {
-        "tick": (nmpc.tick, s.state, s.measured, s.task, config),
-        "observe": (nmpc.observe, s.state, s.measured, s.task, config),
-        "assemble": (_assemble, s.state, targets, s.task, config),
+    settings = nmpc.options(s.config)
+    still = jnp.zeros_like(s.x0)
+    direction = jax.jit(riccati.solve)(lq, still, s.solver.damping)
+    return {
+        "assemble": (_assemble, s.state, _targets(s.state, s.config), s.task, s.config),
         "second start": (_second_start, s.problem, s.solver, s.x0),
         "sqp": (sqp.solve, s.problem, s.x0, s.solver, settings),
         "sqp: linearise": (sqp.linearise, s.problem, s.solver.plan),
-        "sqp: riccati": (riccati.solve, lq, jnp.zeros_like(s.x0), s.solver.damping),
-        "sqp: line search": (_line_search, s.problem, s.solver.plan, direction, lengths),
-        "filter": (_filter, force, s.push.offset_rate, observed, s.measured, s.task, config),
-        "path search": (nmpc.replan, s.state, s.task, config),
-        "world step": (_world_step, s.world, s.scenario, s.push, config),
-        "empty call": (_nothing, s.state, s.measured, s.task, config),
+        "sqp: riccati": (riccati.solve, lq, still, s.solver.damping),
+        "sqp: line search": (_line_search, s.problem, s.solver.plan, direction, jnp.asarray(settings.step_lengths)),
     }
-    times = {name: milliseconds(*call, calls=calls) for name, call in parts.items()}
-    return {"stages": stages, "sqp_iterations": config.horizon.sqp_iterations, "parts_ms": times}
 
 
-def situation(config: PlannerConfig) -> Situation:
+def _independent(s: Situation) -> dict[str, tuple[Any, ...]]:
+    """The other parts, what happens between ticks, and a call that computes nothing."""
+    observed = nmpc.observe(s.state, s.measured, s.task, s.config)
+    force = s.solver.plan.us[0, : s.push.force.shape[0]]
+    return {
+        "observe": (nmpc.observe, s.state, s.measured, s.task, s.config),
+        "filter": (_filter, force, s.push.offset_rate, observed, s.measured, s.task, s.config),
+        "path search": (nmpc.replan, s.state, s.task, s.config),
+        "world step": (_world_step, s.world, s.scenario, s.push, s.config),
+        "empty call": (_nothing, s.state, s.measured, s.task, s.config),
+    }
+
+
+def situation(config: PlannerConfig, tick: Callable[..., Any]) -> Situation:
     """The scenario `adaptive` after `LEAD_IN` ticks of closed loop."""
     scenario = build_scenario(find_scenario("adaptive"))
     task = Task(shapes_of(scenario), scenario.object, scenario.goal)
     world = WORLD.start(scenario)
-    measured = _measurement(world, scenario, jnp.zeros(()))
+    measured = _measurement(world, scenario, 0)
     state = nmpc.replan(nmpc.start(task, measured, config), task, config)
-    tick, step = jax.jit(nmpc.tick), jax.jit(_world_step)
+    step = jax.jit(_world_step)
     push = Push(jnp.zeros_like(measured.offset), jnp.zeros_like(measured.offset))
     for k in range(LEAD_IN):
-        measured = _measurement(world, scenario, jnp.asarray(k * config.horizon.tick))
+        measured = _measurement(world, scenario, k * config.horizon.tick)
         state, command, _ = tick(state, measured, task, config)
         push = Push(command.force, command.offset_rate)
         world = step(world, scenario, push, config)
-    measured = _measurement(world, scenario, jnp.asarray(LEAD_IN * config.horizon.tick))
+    measured = _measurement(world, scenario, LEAD_IN * config.horizon.tick)
     x0 = jnp.concatenate([measured.pose, state.object.twist, measured.offset])
     solver = nmpc.shift(state.solver, config.horizon.tick / config.horizon.dt)
     solver = dataclasses.replace(solver, plan=Plan(solver.plan.xs.at[0].set(x0), solver.plan.us))
@@ -103,9 +121,9 @@ def situation(config: PlannerConfig) -> Situation:
     return Situation(scenario, config, task, state, measured, world, push, ocp, solver, x0)
 
 
-def _measurement(world: PlanarState, scenario: Scenario, time: Array) -> Measurement:
+def _measurement(world: PlanarState, scenario: Scenario, time: float) -> Measurement:
     view = WORLD.view(world, scenario)
-    return Measurement(view.pose, view.offset, scenario.obstacles.at(time))
+    return Measurement(view.pose, view.offset, scenario.obstacles.at(jnp.asarray(time)))
 
 
 def _targets(state: PlannerState, config: PlannerConfig) -> reference.Targets:

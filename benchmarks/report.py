@@ -40,7 +40,8 @@ def refuse_without_marks(page: Path) -> str:
     try:
         text = page.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{page}: cannot be read ({error})") from error
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
+        raise InputError(f"{page}: cannot be read ({reason})") from error
     if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
         raise InputError(f"{page}: must hold {BEGIN} and, after it, {END} once each")
     return text
@@ -54,12 +55,14 @@ def update(page: Path, measured: Mapping[str, Any]) -> None:
 
 
 def _rows(measured: Mapping[str, Any]) -> Iterator[Row]:
-    for record in measured.get("latency", []):
+    latency = measured.get("latency", {"horizons": [], "common_ms": {}})
+    for record in latency["horizons"]:
         stages = record["stages"]
         for part, times in record["parts_ms"].items():
-            name = f"one planner tick, N = {stages}" if part == "tick" else f"  {part}, N = {stages}"
-            spread = f"{times['median']:.2f} ms median ({times['min']:.2f} min, {times['p90']:.2f} p90)"
-            yield Row(name, spread, part in ("tick", "path search") and (part == "tick" or stages == 30))
+            whole = part == "tick"
+            yield Row(f"{'one planner tick' if whole else part}, N = {stages}", _spread(times), whole)
+    for part, times in latency["common_ms"].items():
+        yield Row(part, _spread(times), part == "path search")
     if "episode" in measured:
         episode = measured["episode"]
         name, cold, cached = f"`{episode['scenario']}`", episode["cold"], episode["cached"]
@@ -75,13 +78,17 @@ def _rows(measured: Mapping[str, Any]) -> Iterator[Row]:
         yield Row(f"batch of {lanes}: compile", f"{record['compile_s']:.1f} s", False)
 
 
+def _spread(times: Mapping[str, float]) -> str:
+    return f"{times['median']:.2f} ms median ({times['min']:.2f} min, {times['p90']:.2f} p90)"
+
+
 def _machine(environment: Mapping[str, Any]) -> str:
     loads = (environment["load_before"] or ["?"])[0], (environment["load_after"] or ["?"])[0]
     return (
         f"Device: {environment['device']} ({environment['device_kind']}, {environment['cpus']} CPUs), "
         f"{environment['dtype']}; Python {environment['python']}, jax {environment['jax']}, "
-        f"jaxlib {environment['jaxlib']}, numpy {environment['numpy']}; load {loads[0]} before, {loads[1]} after; "
-        f"{environment['date']}."
+        f"jaxlib {environment['jaxlib']}, numpy {environment['numpy']}; "
+        f"load {loads[0]} before, {loads[1]} after; {environment['date']}."
     )
 
 

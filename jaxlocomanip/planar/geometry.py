@@ -77,8 +77,10 @@ def nearest_feature(point: Array, vertices: Array) -> Feature:
     chosen = (jnp.arange(vertices.shape[0]) == index).astype(point.dtype)
     at_end = jnp.sum(chosen * along) >= 1.0
     flat = inside | (jnp.any((chosen > 0.5) & valid & (raw > 0.0) & (raw < 1.0)))
-    anchor = chosen @ (vertices + jnp.where(at_end & ~flat, edges, 0.0))
-    return Feature(anchor, chosen @ normals, flat)
+    # Sums of products, not matrix products: under `vmap` those would be many tiny library calls.
+    pick = chosen[:, None]
+    anchor = jnp.sum(pick * (vertices + jnp.where(at_end & ~flat, edges, 0.0)), axis=0)
+    return Feature(anchor, jnp.sum(pick * normals, axis=0), flat)
 
 
 def feature_distance(point: Array, feature: Feature) -> tuple[Array, Array, Array]:

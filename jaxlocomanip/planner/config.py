@@ -170,7 +170,7 @@ class SafetyFilter:
     """m, free space kept by the true shapes while braking"""
     lag: Number = 0.06
     """s, after which a withdrawn push has faded"""
-    look_ahead: Number = 1.2
+    look_ahead: Number = 2.5
     """s, moving obstacles are avoided over this time"""
 
 

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import pytree, select, wrap_angle
+from jaxlocomanip.numerics import pytree, safe_norm, select, wrap_angle
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planner import adaptation, estimation, path, problem, reference, safety, search
 from jaxlocomanip.planner.adaptation import ParameterEstimate
@@ -153,8 +153,13 @@ def tick(
     ocp = problem.assemble(targets, warm.plan, parameters.body, task.shapes, obstacles, config)
     x0 = jnp.concatenate([estimate.pose, estimate.twist, measured.offset])
     first = dataclasses.replace(warm, plan=Plan(warm.plan.xs.at[0].set(x0), warm.plan.us))
-    started = sqp.better_start(ocp, first, problem.pushing_start(ocp, x0), DEFECT_WEIGHT)
-    warm = select(config.reference.second_start > 0.5, started, first)
+    slow = safe_norm(estimate.twist[:2]) < SLOW
+    warm = jax.lax.cond(
+        slow & (config.reference.second_start > 0.5),
+        lambda it: sqp.better_start(ocp, it, problem.pushing_start(ocp, x0), DEFECT_WEIGHT),
+        lambda it: it,
+        first,
+    )
     solver = sqp.solve(ocp, x0, warm, options(config))
     n = measured.offset.shape[0]
     first = solver.plan.us[0]
@@ -216,6 +221,9 @@ def shift(solver: Iterate, fraction: Array | float) -> Iterate:
     us = plan.us.at[:-1].add(fraction * (plan.us[1:] - plan.us[:-1]))
     return dataclasses.replace(solver, plan=Plan(xs, us))
 
+
+SLOW = 0.1
+"""m/s, below which the plan that pushes at once is tried beside the warm start"""
 
 DEFECT_WEIGHT = 30.0
 """merit of the warm start's defects when it is compared with the second start"""

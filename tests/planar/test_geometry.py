@@ -18,6 +18,7 @@ from jaxlocomanip.planar.geometry import (
 )
 
 polygon_distances = jax.jit(jax.vmap(polygon_distance))
+one_distance = jax.jit(polygon_distance)
 point_distances = jax.jit(jax.vmap(point_distance, (0, None, None)))
 SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 TRIANGLE = np.array([[0.0, 0.0], [1.2, 0.1], [0.3, 0.9], [0.3, 0.9]])  # last vertex repeated, as padding
@@ -74,7 +75,7 @@ def test_polygon_distance_against_boundary_samples(x64):
             continue
         (p, error_p), (q, error_q) = boundary(a), boundary(b)
         sampled = np.sqrt(((p[:, None] - q[None]) ** 2).sum(axis=2).min())
-        found = polygon_distance(jnp.asarray(a), 0.0, jnp.asarray(b), 0.0)
+        found = one_distance(jnp.asarray(a), 0.0, jnp.asarray(b), 0.0)
         assert sampled - error_p - error_q <= found <= sampled + 1e-12
         tried += 1
     assert tried > 10
@@ -84,9 +85,9 @@ def test_polygon_distance_is_symmetric_and_moves_along(x64):
     rng = np.random.default_rng(2)
     for _ in range(20):
         a, b, pose = polygon(rng), polygon(rng), jnp.asarray(rng.normal(size=3))
-        there = polygon_distance(jnp.asarray(a), 0.1, jnp.asarray(b), 0.2)
-        back = polygon_distance(jnp.asarray(b), 0.2, jnp.asarray(a), 0.1)
-        moved = polygon_distance(transform(pose, jnp.asarray(a)), 0.1, transform(pose, jnp.asarray(b)), 0.2)
+        there = one_distance(jnp.asarray(a), 0.1, jnp.asarray(b), 0.2)
+        back = one_distance(jnp.asarray(b), 0.2, jnp.asarray(a), 0.1)
+        moved = one_distance(transform(pose, jnp.asarray(a)), 0.1, transform(pose, jnp.asarray(b)), 0.2)
         assert there == pytest.approx(float(back), abs=1e-12)
         assert there == pytest.approx(float(moved), abs=1e-12)
 
@@ -124,7 +125,7 @@ def test_point_distance_to_a_circle():
 
 def test_point_distance_slope_against_finite_differences(x64):
     rng = np.random.default_rng(4)
-    slope = jax.jit(jax.grad(point_distance))
+    slope, distance = jax.jit(jax.grad(point_distance)), jax.jit(point_distance)
     feature = jax.jit(nearest_feature)
     h, tried = 1e-6, 0
     for vertices in (SQUARE, TRIANGLE, POINT):
@@ -140,10 +141,7 @@ def test_point_distance_slope_against_finite_differences(x64):
             if not same:
                 continue  # another corner or edge within the step: a kink
             difference = [
-                float(
-                    point_distance(jnp.asarray(point + d), vertices, 0.0)
-                    - point_distance(jnp.asarray(point - d), vertices, 0.0)
-                )
+                float(distance(jnp.asarray(point + d), vertices, 0.0) - distance(jnp.asarray(point - d), vertices, 0.0))
                 / (2.0 * h)
                 for d in steps
             ]

@@ -50,21 +50,20 @@ def test_projection_keeps_a_possible_body_and_moves_others_to_the_box(x64, make_
         assert np.allclose(project(psi, model, SETTINGS), psi, rtol=1e-14)
 
 
+@jax.jit
 def learn(model, believed, true, push, settings=SETTINGS):
-    """Friction estimate after one tick of a push on an object at rest, from the difference in velocity."""
-    psi = regressor.from_body(
-        dataclasses.replace(
-            model.body, friction_force=jnp.asarray(believed), friction_moment=jnp.asarray(0.2 * believed)
-        )
-    )
-    real = dataclasses.replace(model.body, friction_force=jnp.asarray(true), friction_moment=jnp.asarray(0.2 * true))
-    still, wrench = jnp.zeros(3), jnp.array([push, 0.0, 0.0])
-    observed = dynamics.step(real, still, still, wrench, TICK, 0.0)[1]
-    predicted = dynamics.step(regressor.to_body(psi), still, still, wrench, TICK, 0.02)[1]
-    error = observed - predicted
-    slope = adaptation.prediction_slope(psi, still, still, wrench, error, TICK, 0.02)
-    after = adaptation.adapt(ParameterEstimate(psi, psi), slope, TICK, model, settings)
-    return float(psi[FRICTION]), after
+    """Friction believed, and the estimate after one tick of a push at rest, learnt from the difference in velocity."""
+
+    def rubbing(force):
+        force = jnp.asarray(force)
+        return dataclasses.replace(model.body, friction_force=force, friction_moment=0.2 * force)
+
+    psi, zero = regressor.from_body(rubbing(believed)), jnp.zeros(3)
+    wrench = zero.at[0].set(push)
+    observed = dynamics.step(rubbing(true), zero, zero, wrench, TICK, 0.0)[1]
+    predicted = dynamics.step(regressor.to_body(psi), zero, zero, wrench, TICK, 0.02)[1]
+    slope = adaptation.prediction_slope(psi, zero, zero, wrench, observed - predicted, TICK, 0.02)
+    return psi[FRICTION], adaptation.adapt(ParameterEstimate(psi, psi), slope, TICK, model, settings)
 
 
 def test_friction_rises_while_the_prediction_slides_and_the_object_sticks(x64, make_scenario):
@@ -98,9 +97,10 @@ def test_prediction_slope_is_a_gradient(x64, make_scenario):
     psi = adaptation.start(model, SETTINGS).psi + jnp.array([0.5, 0.1, 0.2, -0.1, 3.0, 0.4])
     pose, twist, error = (jnp.asarray(rng.normal(size=3)) for _ in range(3))
     wrench = jnp.asarray(rng.normal(size=3) * 20.0)
-    slope = adaptation.prediction_slope(psi, pose, twist, wrench, error, TICK, 0.02)
+    slope = jax.jit(adaptation.prediction_slope)(psi, pose, twist, wrench, error, TICK, 0.02)
     mass = dynamics.mass_matrix(regressor.to_body(psi), pose[2])
 
+    @jax.jit
     def value(p):
         new = dynamics.step(regressor.to_body(p), pose, twist, wrench, TICK, 0.02)[1]
         return error @ mass @ (new - twist) / TICK
