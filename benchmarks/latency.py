@@ -78,7 +78,7 @@ def _depending(s: Situation) -> dict[str, tuple[Any, ...]]:
     direction = jax.jit(riccati.solve)(lq, still, s.solver.damping)
     return {
         "assemble": (_assemble, s.state, _targets(s.state, s.config), s.task, s.config),
-        "second start": (_second_start, s.problem, s.solver, s.x0),
+        "second start": (_second_start, s.problem, s.x0),
         "sqp": (sqp.solve, s.problem, s.x0, s.solver, settings),
         "sqp: linearise": (sqp.linearise, s.problem, s.solver.plan),
         "sqp: riccati": (riccati.solve, lq, still, s.solver.damping),
@@ -136,8 +136,8 @@ def _assemble(state: PlannerState, targets: reference.Targets, task: Task, confi
     return problem.assemble(targets, state.solver.plan, body, task.shapes, state.obstacles, config)
 
 
-def _second_start(ocp: PushProblem, solver: Iterate, x0: Array) -> Iterate:
-    return sqp.better_start(ocp, solver, problem.pushing_start(ocp, x0), nmpc.DEFECT_WEIGHT)
+def _second_start(ocp: PushProblem, x0: Array) -> Plan:
+    return problem.pushing_start(ocp, x0)
 
 
 def _line_search(ocp: PushProblem, plan: Plan, direction: Direction, lengths: Array) -> tuple[Array, Array]:

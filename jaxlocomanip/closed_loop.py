@@ -82,6 +82,8 @@ class _Loop:
     commands: Command
     """the last MAX_DELAY_TICKS + 1 commands, newest first"""
     tally: Tally
+    least: Clearances
+    """clearances now"""
     tick: Array
     alive: Array
 
@@ -159,7 +161,8 @@ def episode(scenario: Scenario, config: PlannerConfig, key: Array, world: World,
     )
     history = jax.tree.map(lambda leaf: jnp.stack([leaf] * (MAX_DELAY_TICKS + 1)), planner.command)
     zero = jnp.zeros((), jnp.int32)
-    loop = _Loop(planner, state, history, start_tally(scenario), zero, jnp.ones((), bool))
+    least = clearances(scenario, world.view(state, scenario), scenario.obstacles.at(jnp.zeros(())))
+    loop = _Loop(planner, state, history, start_tally(scenario), least, zero, jnp.ones((), bool))
     per_block = max(1, round(config.reference.replan / config.horizon.tick))
 
     def tick(carry: _Loop, _: None) -> tuple[_Loop, Log | None]:
@@ -221,7 +224,7 @@ def _tick(
     frozen = dataclasses.replace(
         loop, tally=dataclasses.replace(loop.tally, nonfinite=loop.tally.nonfinite + (running & ~finite))
     )
-    moved = _Loop(planner, state, commands, tally, loop.tick + 1, loop.alive)
+    moved = _Loop(planner, state, commands, tally, least, loop.tick + 1, loop.alive)
     new = select(running & finite, moved, frozen)
     new = dataclasses.replace(new, alive=loop.alive & finite, tick=loop.tick + 1)
     if not record:
@@ -231,7 +234,7 @@ def _tick(
         time=time,
         view=view,
         obstacles=scenario.obstacles.at(time),
-        clearances=clearances(scenario, view, scenario.obstacles.at(time)),
+        clearances=loop.least,
         command=command,
         report=report,
         plan=solver.plan.xs[:, :3],

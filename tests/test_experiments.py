@@ -1,4 +1,4 @@
-"""The paper's experiments in the planar world: what must come of them, with the default configuration and without parts of it.
+"""The paper's experiments in the planar world: what must come of them, with everything and without parts of it.
 
 All experiments of two robots run as one batch, so that they share one compilation with every ablation.
 """
@@ -99,5 +99,7 @@ def test_the_mirrored_scenario_gives_the_mirrored_trajectory(x64):
     assert np.abs(a[:, 2] + b[:, 2]).max() < 1e-3
     # The obstacles stand on both sides of the diagonal; the two runs pass on opposite sides of the pair.
     middle = np.array([2.5, 2.5])
-    sides = [np.sign((p[:, :2] - middle) @ np.array([-1.0, 1.0]))[np.argmin(np.abs(p[:, :2].sum(1) - 5.0))] for p in (a, b)]
+    sides = [
+        np.sign((p[:, :2] - middle) @ np.array([-1.0, 1.0]))[np.argmin(np.abs(p[:, :2].sum(1) - 5.0))] for p in (a, b)
+    ]
     assert sides == [1.0, -1.0]

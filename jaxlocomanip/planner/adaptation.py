@@ -12,6 +12,8 @@ reference. It
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -60,27 +62,35 @@ def project(psi: Array, model: ObjectModel, settings: Adaptation) -> Array:
     return jnp.concatenate([mass[None], inertia[None], moment, force[None], torsion[None]])
 
 
-def prediction_slope(
-    psi: Array, pose: Array, twist: Array, wrench_B: Array, error: Array, tick: Floats, smoothing: Floats
-) -> Array:
-    """[6] Y' s of the prediction law: minus the gradient of s' M qdd_predicted by Psi.
+def predict(
+    psi: Array, pose: Array, twist: Array, wrench_B: Array, tick: Floats, smoothing: Floats
+) -> tuple[Array, Array, Callable[[Array], Array]]:
+    """Pose and twist one tick ahead, and what a prediction error says of the parameters.
 
     Args:
-      psi: [6] current parameters.
+      psi: [6] parameters.
       pose: [3] estimate at the start of the tick.
       twist: [3] likewise.
-      wrench_B: [3] wrench applied over it, body axes.
-      error: [3] s, composite prediction error (observed minus predicted).
+      wrench_B: [3] wrench over the tick, body axes.
       tick: s.
-      smoothing: m/s, of friction at rest; the predictor's own.
+      smoothing: m/s, of friction at rest.
+
+    Returns:
+      pose [3], twist [3], and the function from the composite error s [3] (observed minus predicted) to Y' s [6] of the
+      prediction law, minus the gradient of s' M qdd_predicted by Psi.
     """
-    weight = dynamics.mass_matrix(regressor.to_body(psi), pose[2]) @ error / tick
 
-    def predicted(p: Array) -> Array:
-        return dynamics.step(regressor.to_body(p), pose, twist, wrench_B, tick, smoothing)[1]
+    def step(p: Array) -> tuple[Array, Array]:
+        new_pose, new_twist = dynamics.step(regressor.to_body(p), pose, twist, wrench_B, tick, smoothing)
+        return new_twist, new_pose
 
-    _, pullback = jax.vjp(predicted, psi)
-    return -pullback(weight)[0]
+    new_twist, pullback, new_pose = jax.vjp(step, psi, has_aux=True)
+
+    def slope(error: Array) -> Array:
+        weight = dynamics.mass_matrix(regressor.to_body(psi), pose[2]) @ error / tick
+        return -pullback(weight)[0]
+
+    return new_pose, new_twist, slope
 
 
 def reference_slope(

@@ -88,6 +88,8 @@ class PlannerState:
     obstacles: ObstacleEstimate
     parameters: ParameterEstimate
     path: Path
+    origin: Array
+    """[3] pose from which a straight path starts"""
     progress: Progress
     solver: Iterate
     force: Array
@@ -110,13 +112,12 @@ def start(task: Task, measured: Measurement, config: PlannerConfig) -> PlannerSt
     guess = Plan(jnp.tile(first, (steps + 1, 1)), jnp.zeros((steps, 2 * n), first.dtype))
     zero = jnp.zeros(n, first.dtype)
     parameters = adaptation.start(task.model, config.adaptation)
-    turn_radius = config.reference.speed / config.reference.turn_rate
-    line = path.straight_path(measured.pose, task.goal.pose, task.shapes, parameters.body, turn_radius)
     return PlannerState(
         object=estimation.start_object(measured.pose),
         obstacles=estimation.start_obstacles(measured.obstacles, config.estimation),
         parameters=parameters,
-        path=line,
+        path=path.unsearched(measured.pose, n),
+        origin=measured.pose,
         progress=reference.start(),
         solver=sqp.start(guess, options(config)),
         force=zero,
@@ -126,15 +127,14 @@ def start(task: Task, measured: Measurement, config: PlannerConfig) -> PlannerSt
 
 
 def replan(state: PlannerState, task: Task, config: PlannerConfig) -> PlannerState:
-    """Search the path anew from where the object is; a straight-line configuration keeps its line."""
-    found = search.search_path(
-        state.object.pose, task.goal.pose, task.shapes, state.obstacles, state.parameters.body, config
-    )
-    renewed = reference.restart(state.progress, found)
+    """Search the path anew from where the object is; a straight-line configuration keeps its line from the origin."""
+    body, turn_radius = state.parameters.body, config.reference.speed / config.reference.turn_rate
+    found = search.search_poses(state.object.pose, task.goal.pose, task.shapes, state.obstacles, body, config)
+    line = path.straight_poses(state.origin, task.goal.pose, found.shape[0])
     planned = config.reference.plan_path > 0.5
-    return dataclasses.replace(
-        state, path=select(planned, found, state.path), progress=select(planned, renewed, state.progress)
-    )
+    paced = path.pace(jnp.where(planned, found, line), task.shapes, body, turn_radius)
+    renewed = reference.restart(state.progress, paced)
+    return dataclasses.replace(state, path=paced, progress=select(planned, renewed, state.progress))
 
 
 def tick(
@@ -152,15 +152,11 @@ def tick(
     warm = shift(state.solver, horizon.tick / horizon.dt)
     ocp = problem.assemble(targets, warm.plan, parameters.body, task.shapes, obstacles, config)
     x0 = jnp.concatenate([estimate.pose, estimate.twist, measured.offset])
-    first = dataclasses.replace(warm, plan=Plan(warm.plan.xs.at[0].set(x0), warm.plan.us))
-    slow = safe_norm(estimate.twist[:2]) < SLOW
-    warm = jax.lax.cond(
-        slow & (config.reference.second_start > 0.5),
-        lambda it: sqp.better_start(ocp, it, problem.pushing_start(ocp, x0), DEFECT_WEIGHT),
-        lambda it: it,
-        first,
-    )
-    solver = sqp.solve(ocp, x0, warm, options(config))
+    trying = (config.reference.second_start > 0.5) & (safe_norm(estimate.twist[:2]) < SLOW)
+    rival = problem.pushing_start(ocp, x0)
+    # A rival that is not wanted is made worthless, so that the program is the same.
+    rival = Plan(jnp.where(trying, rival.xs, jnp.nan), rival.us)
+    solver = sqp.solve(ocp, x0, warm, options(config), rival)
     n = measured.offset.shape[0]
     first = solver.plan.us[0]
     limits = task.shapes.team
@@ -172,7 +168,9 @@ def tick(
     )
     offset = jnp.clip(measured.offset + horizon.tick * sent.offset_rate, -limits.offset_limit, limits.offset_limit)
     command = Command(sent.force, sent.offset_rate, offset, solver.plan.xs[1, 3:6])
-    new = PlannerState(estimate, obstacles, parameters, state.path, progress, solver, force, measured.offset, command)
+    new = PlannerState(
+        estimate, obstacles, parameters, state.path, state.origin, progress, solver, force, measured.offset, command
+    )
     return new, command, _report(ocp, solver, targets, sent, task)
 
 
@@ -186,17 +184,15 @@ def observe(
     offset = 0.5 * (state.offset + measured.offset)
     team = task.shapes.team
     wrench_B = dynamics.body_wrench(team.contact_points(offset), team.normal, force)
-    predicted = dynamics.step(
-        state.parameters.body, before.pose, before.twist, wrench_B, horizon.tick, horizon.smoothing
+    pose, twist, slope_of = adaptation.predict(
+        psi, before.pose, before.twist, wrench_B, horizon.tick, horizon.smoothing
     )
-    estimate = estimation.correct_object(*predicted, measured.pose, horizon.tick, config.estimation)
+    estimate = estimation.correct_object(pose, twist, measured.pose, horizon.tick, config.estimation)
     obstacles = estimation.track_obstacles(
         state.obstacles, measured.obstacles, task.shapes.obstacle_dynamic, horizon.tick, config.estimation
     )
     error = settings.rate * estimate.innovation * PREDICTION_WEIGHT
-    by_prediction = adaptation.prediction_slope(
-        psi, before.pose, before.twist, wrench_B, error, horizon.tick, horizon.smoothing
-    )
+    by_prediction = slope_of(error)
     now = reference.targets(state.progress, state.path, jnp.zeros(1, error.dtype), config.reference)
     aim = estimate.pose - jnp.concatenate(
         [estimate.pose[:2] - now.pose[0, :2], wrap_angle(estimate.pose[2:] - now.pose[0, 2:])]
@@ -225,9 +221,6 @@ def shift(solver: Iterate, fraction: Array | float) -> Iterate:
 SLOW = 0.1
 """m/s, below which the plan that pushes at once is tried beside the warm start"""
 
-DEFECT_WEIGHT = 30.0
-"""merit of the warm start's defects when it is compared with the second start"""
-
 FORCE_LAG = 0.05
 """s, lag of the robots' push that the observer reckons with"""
 
@@ -238,21 +231,17 @@ PREDICTION_WEIGHT = 3.0
 def _report(
     ocp: problem.PushProblem, solver: Iterate, targets: reference.Targets, sent: safety.Filtered, task: Task
 ) -> Report:
-    first = ocp.stage(solver.plan.xs[0], solver.plan.us[0], _first(ocp.stages))
     team, shapes = task.shapes.team, task.shapes
-    bounds = 6 * team.offset.shape[0] + team.pair_bounds.shape[0]
+    clf = 6 * team.offset.shape[0] + team.pair_bounds.shape[0]
     objects = shapes.object_radii.shape[0] * shapes.obstacle_mask.shape[0]
+    first = ocp.stage(solver.plan.xs[0], solver.plan.us[0], jax.tree.map(lambda leaf: leaf[0], ocp.stages))
     h = jnp.where(ocp.barriers.weight > 0.0, first.inequality, jnp.inf)
     scale = ocp.config.constraints.cbf_scale
     return Report(
         target=targets.pose[0],
-        object_cbf=jnp.min(h[bounds + 1 : bounds + 1 + objects]) / scale,
-        robot_cbf=jnp.min(h[bounds + 1 + objects :]) / scale,
-        clf=first.inequality[bounds],
+        object_cbf=jnp.min(h[clf + 1 : clf + 1 + objects]) / scale,
+        robot_cbf=jnp.min(h[clf + 1 + objects :]) / scale,
+        clf=first.inequality[clf],
         filter_choice=sent.choice,
         filter_room=sent.room,
     )
-
-
-def _first(stages: problem.StageData) -> problem.StageData:
-    return jax.tree.map(lambda leaf: leaf[0], stages)

@@ -59,11 +59,18 @@ class Path:
         return (1.0 - part) * values[low] + part * values[low + 1]
 
 
-def straight_path(start: Array, goal: Array, shapes: Shapes, body: Body, turn_radius: Floats) -> Path:
-    """Straight line between two poses [3], the heading turning evenly the shorter way."""
+def straight_poses(start: Array, goal: Array, count: int) -> Array:
+    """[count, 3] poses on a straight line between two poses [3], the heading turning evenly the shorter way."""
     end = jnp.concatenate([goal[:2], start[2:] + wrap_angle(goal[2:] - start[2:])])
-    blend = jnp.linspace(0.0, 1.0, POINTS, dtype=start.dtype)[:, None]
-    return pace(start + blend * (end - start), shapes, body, turn_radius)
+    blend = jnp.linspace(0.0, 1.0, count, dtype=start.dtype)[:, None]
+    return start + blend * (end - start)
+
+
+def unsearched(pose: Array, robots: int) -> Path:
+    """A path that stays at a pose [3], until the first search."""
+    poses = jnp.tile(pose, (POINTS, 1))
+    still = jnp.zeros((POINTS, robots), pose.dtype)
+    return Path(poses, jnp.zeros_like(poses[:, 0]), still, still, jnp.ones_like(poses[:, 0]))
 
 
 def pace(poses: Array, shapes: Shapes, body: Body, turn_radius: Floats) -> Path:

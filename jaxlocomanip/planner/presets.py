@@ -47,7 +47,9 @@ def paper() -> PlannerConfig:
             clf_normalised=0.0,
         ),
         reference=Reference(plan_path=0.0, second_start=0.0, arrive=0.0, leave=0.0),
-        adaptation=Adaptation(gain=(300.0, 200.0, 100.0, 100.0, 0.0, 0.0), on_prediction=0.0, prior_friction=0.0, mass_range=10.0),
+        adaptation=Adaptation(
+            gain=(300.0, 200.0, 100.0, 100.0, 0.0, 0.0), on_prediction=0.0, prior_friction=0.0, mass_range=10.0
+        ),
         safety=SafetyFilter(enabled=0.0),
     )
 

@@ -129,7 +129,8 @@ def braking_room(
     slowing = settings.friction * GRAVITY
     speed, spin = safe_norm(twist[:2]), jnp.abs(twist[2])
     turning = slowing * shapes.torsion_radius * body.mass / body.inertia
-    stop = jnp.minimum(jnp.maximum(speed / slowing, spin / jnp.maximum(turning, 1e-3)), 1.5)
+    # Translation and rotation share one friction budget: braking both takes at most the sum of the times for either.
+    stop = jnp.minimum(speed / slowing + spin / jnp.maximum(turning, 1e-3), 2.5)
     parts = jnp.linspace(0.0, 1.0, SAMPLES, dtype=force.dtype)
     # Uniform deceleration to rest at `stop`: fraction of the braking way covered at fraction t of the time.
     covered = parts * (2.0 - parts)

@@ -23,7 +23,6 @@ from jaxlocomanip.planar.geometry import point_distance, rotate
 from jaxlocomanip.planner.authority import pushability
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
-from jaxlocomanip.planner.path import Path, pace
 from jaxlocomanip.planner.shapes import Shapes
 
 HEADINGS = 16
@@ -60,10 +59,10 @@ class _Grid:
     """[2] int"""
 
 
-def search_path(
+def search_poses(
     start: Array, goal: Array, shapes: Shapes, obstacles: ObstacleEstimate, body: Body, config: PlannerConfig
-) -> Path:
-    """Cheapest path from the pose `start` [3] to `goal` [3] (see the module's text)."""
+) -> Array:
+    """[_TRACE_STEPS + 2, 3] poses along the cheapest path from the pose `start` [3] to `goal` [3]."""
     start, goal, obstacles, body = jax.lax.stop_gradient((start, goal, obstacles, body))
     turn_radius = config.reference.speed / config.reference.turn_rate
     local = jnp.concatenate([rotate(-goal[2], start[:2] - goal[:2]), wrap_angle(start[2:] - goal[2:])])
@@ -74,7 +73,7 @@ def search_path(
     moves, turns = _move_factors(shapes, body, grid.spacing)
     value = _cost_to_go(grid, density, moves, turns, turn_radius)
     poses = _trace(local, grid, density, value, moves, turns, turn_radius)
-    return pace(_to_world(poses, local, goal, start), shapes, body, turn_radius)
+    return _to_world(poses, local, goal, start)
 
 
 def _grid(local: Array) -> _Grid:

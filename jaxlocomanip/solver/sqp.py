@@ -82,7 +82,7 @@ def start(plan: Plan, options: Options) -> Iterate:
     return Iterate(plan, zero + options.damping, zero, zero, zero, zero, jnp.zeros((), jnp.int32))
 
 
-def solve(problem: Problem, x0: Array, iterate: Iterate, options: Options) -> Iterate:
+def solve(problem: Problem, x0: Array, iterate: Iterate, options: Options, rival: Plan | None = None) -> Iterate:
     """`options.iterations` iterations from a warm start.
 
     Args:
@@ -90,16 +90,18 @@ def solve(problem: Problem, x0: Array, iterate: Iterate, options: Options) -> It
       x0: [nx] initial state; replaces the plan's.
       iterate: result of `start` or of an earlier solve.
       options: solver settings.
+      rival: another plan from x0, tried beside the step lengths of the first iteration and kept if its merit is
+        least. A local method cannot leave a minimum such as "push later, for ever"; a second start can.
     """
-    plan = Plan(iterate.plan.xs.at[0].set(x0), iterate.plan.us)
-    first = Iterate(plan, iterate.damping, iterate.cost, iterate.defect, iterate.step, iterate.length, iterate.status)
+    first = dataclasses.replace(iterate, plan=Plan(iterate.plan.xs.at[0].set(x0), iterate.plan.us))
+    current = _iteration(problem, first, options, rival)
     if options.iterations == 1:
-        return _iteration(problem, first, options)
+        return current
 
     def body(carry: Iterate, _: None) -> tuple[Iterate, None]:
-        return _iteration(problem, carry, options), None
+        return _iteration(problem, carry, options, None), None
 
-    return jax.lax.scan(body, first, None, length=options.iterations)[0]
+    return jax.lax.scan(body, current, None, length=options.iterations - 1)[0]
 
 
 def evaluate(problem: Problem, plan: Plan) -> tuple[Array, Array]:
@@ -120,17 +122,6 @@ def rollout(problem: Problem, x0: Array, us: Array) -> Plan:
     return Plan(jnp.concatenate([x0[None], xs]), us)
 
 
-def better_start(problem: Problem, iterate: Iterate, other: Plan, defect_weight: float) -> Iterate:
-    """The iterate, with its plan replaced by `other` where that has the lower merit.
-
-    A local method cannot leave a minimum such as "push later, for ever"; a second start can.
-    """
-    cost, defect = evaluate(problem, iterate.plan)
-    rival, rival_defect = evaluate(problem, other)
-    wins = rival + defect_weight * rival_defect < cost + defect_weight * defect
-    return dataclasses.replace(iterate, plan=select(wins, other, iterate.plan))
-
-
 def linearise(problem: Problem, plan: Plan) -> tuple[LinearQuadratic, Array]:
     """Gauss-Newton model at a plan (penalty Hessian J' diag(P'') J), and the objective []."""
     models = jax.vmap(problem.model)(plan.xs[:-1], plan.us, problem.stages)
@@ -141,7 +132,7 @@ def linearise(problem: Problem, plan: Plan) -> tuple[LinearQuadratic, Array]:
     return lq, jnp.sum(models.cost) + 0.5 * jnp.sum(residual**2)
 
 
-def _iteration(problem: Problem, iterate: Iterate, options: Options) -> Iterate:
+def _iteration(problem: Problem, iterate: Iterate, options: Options, rival: Plan | None) -> Iterate:
     plan = iterate.plan
     lq, cost = linearise(problem, plan)
     direction = solve_lq(lq, jnp.zeros_like(plan.xs[0]), iterate.damping)
@@ -149,6 +140,9 @@ def _iteration(problem: Problem, iterate: Iterate, options: Options) -> Iterate:
     weight = 1.5 * jnp.max(jnp.abs(direction.costates))
     lengths = jnp.asarray(options.step_lengths, plan.xs.dtype)
     tried = jax.vmap(lambda a: Plan(plan.xs + a * direction.dxs, plan.us + a * direction.dus))(lengths)
+    if rival is not None:
+        tried = jax.tree.map(lambda many, one: jnp.concatenate([many, one[None]]), tried, rival)
+        lengths = jnp.append(lengths, 0.0)
     costs, defects = jax.vmap(lambda p: evaluate(problem, p))(tried)
     merits = jnp.where(jnp.isfinite(costs + defects), costs + weight * defects, jnp.inf)
     best = jnp.argmin(merits)
@@ -156,29 +150,15 @@ def _iteration(problem: Problem, iterate: Iterate, options: Options) -> Iterate:
     finite = all_finite(direction) & jnp.isfinite(merits[best])
     small = step < options.tolerance
     accept = finite & ((merits[best] < cost + weight * defect) | small)
-    status = jnp.where(
-        finite,
-        jnp.where(small, Status.CONVERGED, jnp.where(accept, Status.ITERATION_LIMIT, Status.NO_DESCENT)),
-        Status.NONFINITE,
-    )
-    damping = jnp.where(accept, jnp.maximum(iterate.damping / 10.0, options.damping), iterate.damping * 30.0 + 1e-5)
-    moved = Iterate(
-        jax.tree.map(lambda leaf: leaf[best], tried),
-        damping,
-        costs[best],
-        defects[best],
-        step,
-        lengths[best],
-        status,
-    )
-    kept = Iterate(plan, damping, cost, defect, step, jnp.zeros_like(step), status)
-    result = select(accept, moved, kept)
+    progress = jnp.where(small, Status.CONVERGED, jnp.where(accept, Status.ITERATION_LIMIT, Status.NO_DESCENT))
+    less = jnp.maximum(iterate.damping / 10.0, options.damping)
+    chosen = jax.tree.map(lambda leaf: leaf[best], tried)
     return Iterate(
-        result.plan,
-        jnp.minimum(result.damping, 1e6),
-        result.cost,
-        result.defect,
-        result.step,
-        result.length,
-        result.status.astype(jnp.int32),
+        plan=select(accept, chosen, plan),
+        damping=jnp.where(accept, less, jnp.minimum(iterate.damping * 30.0 + 1e-5, 1e6)),
+        cost=jnp.where(accept, costs[best], cost),
+        defect=jnp.where(accept, defects[best], defect),
+        step=step,
+        length=jnp.where(accept, lengths[best], 0.0),
+        status=jnp.where(finite, progress, Status.NONFINITE).astype(jnp.int32),
     )

@@ -55,7 +55,7 @@ class PlanarWorld:
         def body(carry: PlanarState, _: None) -> tuple[PlanarState, None]:
             return self.substep(carry, scenario, push, h), None
 
-        return jax.lax.scan(body, state, None, length=self.substeps, unroll=True)[0]
+        return jax.lax.scan(body, state, None, length=self.substeps)[0]
 
     def substep(self, state: PlanarState, scenario: Scenario, push: Push, h: float) -> PlanarState:
         """One physics step of length h, s."""

@@ -62,7 +62,7 @@ def learn(model, believed, true, push, settings=SETTINGS):
     wrench = zero.at[0].set(push)
     observed = dynamics.step(rubbing(true), zero, zero, wrench, TICK, 0.0)[1]
     predicted = dynamics.step(regressor.to_body(psi), zero, zero, wrench, TICK, 0.02)[1]
-    slope = adaptation.prediction_slope(psi, zero, zero, wrench, observed - predicted, TICK, 0.02)
+    slope = adaptation.predict(psi, zero, zero, wrench, TICK, 0.02)[2](observed - predicted)
     return psi[FRICTION], adaptation.adapt(ParameterEstimate(psi, psi), slope, TICK, model, settings)
 
 
@@ -97,7 +97,7 @@ def test_prediction_slope_is_a_gradient(x64, make_scenario):
     psi = adaptation.start(model, SETTINGS).psi + jnp.array([0.5, 0.1, 0.2, -0.1, 3.0, 0.4])
     pose, twist, error = (jnp.asarray(rng.normal(size=3)) for _ in range(3))
     wrench = jnp.asarray(rng.normal(size=3) * 20.0)
-    slope = jax.jit(adaptation.prediction_slope)(psi, pose, twist, wrench, error, TICK, 0.02)
+    slope = jax.jit(lambda p, e: adaptation.predict(p, pose, twist, wrench, TICK, 0.02)[2](e))(psi, error)
     mass = dynamics.mass_matrix(regressor.to_body(psi), pose[2])
 
     @jax.jit

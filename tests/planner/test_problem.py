@@ -11,7 +11,7 @@ import pytest
 from jaxlocomanip.planner import problem, reference
 from jaxlocomanip.planner.config import Horizon, PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
-from jaxlocomanip.planner.path import straight_path
+from jaxlocomanip.planner.path import POINTS, pace, straight_poses
 from jaxlocomanip.planner.presets import paper
 from jaxlocomanip.planner.shapes import shapes_of
 from jaxlocomanip.solver import ocp
@@ -51,7 +51,7 @@ def assemble(make_scenario, robots, config, seed=0, friction=22.0):
     )
     shapes = shapes_of(scenario)
     turn_radius = config.reference.speed / config.reference.turn_rate
-    path = straight_path(scenario.start, scenario.goal.pose, shapes, body, turn_radius)
+    path = pace(straight_poses(scenario.start, scenario.goal.pose, POINTS), shapes, body, turn_radius)
     times = config.horizon.dt * jnp.arange(STEPS + 1.0)
     targets = reference.targets(reference.start(), path, times, config.reference)
     velocity = jnp.array([[0.3, -0.2], [-0.4, 0.1]])

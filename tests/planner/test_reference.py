@@ -7,7 +7,7 @@ import pytest
 
 from jaxlocomanip.planner import reference
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.path import straight_path
+from jaxlocomanip.planner.path import POINTS, pace, straight_poses
 from jaxlocomanip.planner.shapes import shapes_of
 
 TICK = 0.02
@@ -19,10 +19,15 @@ advance = jax.jit(reference.advance)
 targets = jax.jit(reference.targets)
 
 
+def straight(scenario, start, goal):
+    poses = straight_poses(start, goal, POINTS)
+    return pace(poses, shapes_of(scenario), scenario.object.body, TURN_RADIUS)
+
+
 @pytest.fixture
 def path(make_scenario):
     scenario = make_scenario(goal={"pose": GOAL})
-    return straight_path(scenario.start, scenario.goal.pose, shapes_of(scenario), scenario.object.body, TURN_RADIUS)
+    return straight(scenario, scenario.start, scenario.goal.pose)
 
 
 def run(path, poses):
@@ -110,7 +115,7 @@ def test_a_new_path_keeps_the_lead(x64, path):
 def test_straight_path_is_straight_and_turns_the_shorter_way(x64, make_scenario):
     scenario = make_scenario()
     start, goal = jnp.array([0.0, 0.0, 3.0]), jnp.array([2.0, 1.0, -3.0])
-    line = straight_path(start, goal, shapes_of(scenario), scenario.object.body, TURN_RADIUS)
+    line = straight(scenario, start, goal)
     poses = np.asarray(line.poses)
     assert np.allclose(poses[0], start, atol=1e-9)
     assert np.allclose(poses[-1, :2], goal[:2], atol=1e-9)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxlocomanip.planar.geometry import rotate, transform
-from jaxlocomanip.planner import adaptation, search
+from jaxlocomanip.planner import adaptation, path, search
 from jaxlocomanip.planner.authority import pushability
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
@@ -17,7 +17,12 @@ from jaxlocomanip.planner.shapes import ROBOT_DISCS, shapes_of
 
 CONFIG = PlannerConfig()
 AWAY = (20.0, 20.0)
-search_path = jax.jit(search.search_path)
+
+
+@jax.jit
+def search_path(start, goal, shapes, obstacles, body, config):
+    poses = search.search_poses(start, goal, shapes, obstacles, body, config)
+    return path.pace(poses, shapes, body, config.reference.speed / config.reference.turn_rate)
 
 
 @pytest.fixture
