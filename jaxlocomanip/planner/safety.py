@@ -19,14 +19,14 @@ from jax import Array
 from jaxlocomanip.numerics import pytree, safe_norm
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
-from jaxlocomanip.planar.geometry import polygon_distance, rectangle, transform
+from jaxlocomanip.planar.geometry import perpendicular, polygon_distance, rectangle, rotate, transform
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.scenario import Team
 
-SAMPLES = 5
-"""poses checked along a braking motion"""
+SAMPLES = 6
+"""steps of the braking motion, each checked at its end"""
 ROOM_RATE = 4.0
 """1/s, of the barrier condition on the room between two robots"""
 FAR = 1e3
@@ -88,7 +88,15 @@ def safety_filter(
     settings = config.safety
     forces, rates = candidates(force, rate)
     rates = jax.vmap(lambda r: keep_room(offset, r, shapes.team))(rates)
-    room = jax.vmap(lambda f, r: braking_room(f, r, estimate, offset, obstacles, body, shapes, config))(forces, rates)
+
+    def least(push: Array, slide: Array) -> Array:
+        # A push may help to brake as well as drive: neither more nor less of it than expected may do harm.
+        given = jnp.stack([push, jnp.zeros_like(push)])
+        return jnp.min(
+            jax.vmap(lambda f: braking_room(f, slide, estimate, offset, obstacles, body, shapes, config))(given)
+        )
+
+    room = jax.vmap(least)(forces, rates)
     safe = room >= 0.0
     # Without a safe candidate, ties in room go to the earlier one: a standing team does not fidget.
     order = jnp.arange(room.shape[0], dtype=room.dtype)
@@ -110,6 +118,14 @@ def keep_room(offset: Array, rate: Array, team: Team) -> Array:
     return rate
 
 
+def slip(pose: Array, twist: Array, offset: Array, rate: Array, team: Team) -> Array:
+    """[N_r] m/s, offset rates beyond the commanded ones: faces that move aside faster than a robot walks slip away."""
+    points = team.contact_points(offset)
+    velocity_B = rotate(-pose[2], twist[:2]) + twist[2] * perpendicular(points)
+    walk = rate + jnp.sum(velocity_B * team.tangent, axis=-1)
+    return jnp.clip(walk, -team.slide_speed_max, team.slide_speed_max) - walk
+
+
 def braking_room(
     force: Array,
     rate: Array,
@@ -123,27 +139,39 @@ def braking_room(
     """[] m, least room beyond the margin on the way to rest after one tick of an input."""
     settings, tick = config.safety, config.horizon.tick
     wrench = dynamics.body_wrench(shapes.team.contact_points(offset), shapes.team.normal, force)
+    # A push may move more than expected (a lighter object), and braking may take longer (a smoother floor).
     resisting = jnp.minimum(settings.friction * body.mass * GRAVITY, body.friction_force)
-    careful = Body(body.mass / 1.3, body.inertia / 1.3, body.com, resisting, resisting * shapes.torsion_radius)
-    pose, twist = dynamics.step(careful, estimate.pose, estimate.twist, wrench, tick + settings.lag, 0.0)
+    moment = resisting * shapes.torsion_radius
+    light = Body(body.mass / 1.3, body.inertia / 1.3, body.com, resisting, moment)
+    smooth = Body(body.mass, body.inertia, body.com, resisting, moment)
+    pose, twist = dynamics.step(light, estimate.pose, estimate.twist, wrench, tick + settings.lag, 0.0)
     slowing = settings.friction * GRAVITY
-    speed, spin = safe_norm(twist[:2]), jnp.abs(twist[2])
     turning = slowing * shapes.torsion_radius * body.mass / body.inertia
     # Translation and rotation share one friction budget: braking both takes at most the sum of the times for either.
-    stop = jnp.minimum(speed / slowing + spin / jnp.maximum(turning, 1e-3), 2.5)
-    parts = jnp.linspace(0.0, 1.0, SAMPLES, dtype=force.dtype)
-    # Uniform deceleration to rest at `stop`: fraction of the braking way covered at fraction t of the time.
-    covered = parts * (2.0 - parts)
-    poses = jnp.concatenate([estimate.pose[None], pose + 0.5 * stop * covered[:, None] * twist])
-    times = jnp.concatenate([jnp.zeros(1, force.dtype), tick + settings.lag + stop * parts])
-    waits = jnp.linspace(0.0, 1.0, 4, dtype=force.dtype)[1:] * settings.look_ahead
-    poses = jnp.concatenate([poses[1:], jnp.repeat(poses[-1:], 3, axis=0)])
-    times = jnp.concatenate([times[1:], times[-1] + waits])
-    later = offset + rate * tick
+    stop = safe_norm(twist[:2]) / slowing + jnp.abs(twist[2]) / jnp.maximum(turning, 1e-3)
+    h = jnp.minimum(stop, 2.5) / SAMPLES
+
     team = shapes.team
 
-    def room(q: Array, t: Array) -> Array:
-        robots = jax.vmap(rectangle)(team.robot_poses(q, later), team.half_length, team.half_width)
+    def brake(carry: tuple[Array, Array, Array], _: None) -> tuple[tuple[Array, Array, Array], tuple[Array, Array]]:
+        q, velocity, d = carry
+        d = d + h * slip(q, velocity, d, jnp.zeros_like(d), team)
+        q, velocity = dynamics.step(smooth, q, velocity, jnp.zeros_like(velocity), h, 0.0)
+        return (q, velocity, d), (q, d)
+
+    first = offset + rate * tick + (tick + settings.lag) * slip(estimate.pose, estimate.twist, offset, rate, team)
+    _, (braking, sliding) = jax.lax.scan(brake, (pose, twist, first), None, length=SAMPLES)
+    poses = jnp.concatenate([pose[None], braking])
+    offsets = jnp.concatenate([first[None], sliding])
+    times = tick + settings.lag + h * jnp.arange(SAMPLES + 1.0, dtype=force.dtype)
+    waits = jnp.linspace(0.0, 1.0, 4, dtype=force.dtype)[1:] * settings.look_ahead
+    poses = jnp.concatenate([poses, jnp.repeat(poses[-1:], 3, axis=0)])
+    offsets = jnp.concatenate([offsets, jnp.repeat(offsets[-1:], 3, axis=0)])
+    times = jnp.concatenate([times, times[-1] + waits])
+
+    def room(q: Array, d: Array, t: Array) -> Array:
+        d = jnp.clip(d, -team.offset_limit, team.offset_limit)
+        robots = jax.vmap(rectangle)(team.robot_poses(q, d), team.half_length, team.half_width)
         positions = obstacles.position + t * obstacles.velocity
 
         def gap(body: Array) -> Array:
@@ -156,4 +184,4 @@ def braking_room(
         robot_gap = jnp.where(config.protection.robots > 0.5, jnp.min(jax.vmap(gap)(robots)), FAR)
         return jnp.minimum(object_gap, robot_gap) - settings.margin
 
-    return jnp.min(jax.vmap(room)(poses, times))
+    return jnp.min(jax.vmap(room)(poses, offsets, times))
