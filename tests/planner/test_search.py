@@ -29,9 +29,12 @@ def search_path(start, goal, shapes, obstacles, body, config):
 def find(make_scenario):
     """A function: path of two robots from the origin past circles at two places, and the scenario's shapes."""
 
-    def run(places, goal=(4.0, 4.0, 0.0), velocity=(0.0, 0.0), exist=True):
-        circles = [{"shape": "circle", "radius": 0.3, "position": list(place)} for place in places]
-        scenario = make_scenario(goal={"pose": list(goal)}, obstacles=circles)
+    def run(places, goal=(4.0, 4.0, 0.0), velocity=(0.0, 0.0), exist=True, start=(0.0, 0.0, 0.0), radii=(0.3, 0.3)):
+        circles = [
+            {"shape": "circle", "radius": radius, "position": list(place)}
+            for place, radius in zip(places, radii, strict=True)
+        ]
+        scenario = make_scenario(start={"pose": list(start)}, goal={"pose": list(goal)}, obstacles=circles)
         shapes = dataclasses.replace(shapes_of(scenario), obstacle_mask=jnp.full(2, exist))
         places = scenario.obstacles.position
         estimate = ObstacleEstimate(places, jnp.zeros_like(places) + jnp.asarray(velocity), jnp.zeros((2, 3)))
@@ -120,6 +123,19 @@ def test_moving_obstacle_is_met_where_it_will_be(x64, find):
     coming, shapes, _ = find([(1.2 + 0.7 * 3.0, 1.2 - 0.7 * 3.0), AWAY], velocity=(-0.7, 0.7))
     off_line = lambda path: float(jnp.abs(path.poses[:, 0] - path.poses[:, 1]).max())  # noqa: E731
     assert off_line(leaving) < off_line(coming)
+
+
+def test_path_does_not_wander_about_a_goal_that_it_has_passed(x64, find):
+    """Around the second circle the path comes in beside the goal, from where this team could only pull it back."""
+    start, goal = (0.27123, 0.90852, 0.29642), (3.46577, 3.04005, -0.01485)
+    places, velocity = [(1.72044, 1.28340), (2.99766, 2.43918)], [(-0.01443, -0.14504), (0.0, 0.0)]
+    path, _, _ = find(places, goal, velocity, start=start, radii=(0.1391, 0.26824))
+    way = np.linalg.norm(np.diff(path.poses[:, :2], axis=0), axis=1).sum()
+    assert way < 1.5 * np.hypot(goal[0] - start[0], goal[1] - start[1])
+    # and it is no chaotic function of where it starts
+    nudged = (start[0] + 1e-9, *start[1:])
+    again, _, _ = find(places, goal, velocity, start=nudged, radii=(0.1391, 0.26824))
+    assert np.abs(again.poses - path.poses).max() < 1e-5
 
 
 def test_single_precision_is_finite(find):
