@@ -220,9 +220,15 @@ def _trace(
         ahead = jax.vmap(lambda p: _interpolated(value, grid, p))(candidates)
         cost = price * _interpolated(density, grid, pose) + ahead
         weights = jax.nn.softmax((jnp.min(cost) - cost) / softness)
+        mean = weights @ change
+        along = jnp.sum(weights * price) * _interpolated(density, grid, pose) + _interpolated(value, grid, pose + mean)
+        # Where the cost to go is concave, as between two equal ways around an obstacle, the mean of the best moves is
+        # worse than each of them: then one is taken.
+        ridge = along > weights @ cost + 0.01 * grid.spacing
+        move = jnp.where(ridge, change[jnp.argmin(cost)], mean)
         rest = jnp.concatenate([pose[:2], wrap_angle(pose[2:])])
         remaining = jnp.sqrt(jnp.sum(rest[:2] ** 2) + (turn_radius * rest[2]) ** 2)
-        move = jnp.where(remaining < 1.2 * grid.spacing, -rest, weights @ change)
+        move = jnp.where(remaining < 1.2 * grid.spacing, -rest, move)
         return pose + move, pose + move
 
     _, poses = jax.lax.scan(step, local, None, length=_TRACE_STEPS)
