@@ -54,7 +54,9 @@ def wrap_angle(angle: Array) -> Array:
 def smooth_positive(x: Array, width: Floats) -> Array:
     """Smooth positive part (x + sqrt(x^2 + 4 width^2)) / 2, without cancellation for x << 0."""
     root = jnp.sqrt(x * x + 4.0 * width * width)
-    return jnp.where(x > 0.0, 0.5 * (x + root), 2.0 * width * width / (root - jnp.minimum(x, 0.0)))
+    below = root - jnp.minimum(x, 0.0)
+    small = 2.0 * width * width / jnp.where(below > 0.0, below, 1.0)
+    return jnp.where(x > 0.0, 0.5 * (x + root), small)
 
 
 def all_finite(tree: Any) -> Array:
