@@ -55,20 +55,23 @@ def number(
     """`value` as a finite float in [low, high], or in (low, high] if `strictly`."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{field} = {value!r}: must be a number")
-    if abs(value) > LARGEST or value != value:
-        raise InputError(f"{field} = {_shown(value)}: must be finite and at most {LARGEST:g} in size")
+    if value != value or abs(value) == math.inf:
+        raise InputError(f"{field} = {value!r}: must be finite")
     if strictly and low == 0.0 and 0.0 < value < SMALLEST:
         raise InputError(f"{field} = {value!r}: must be at least {SMALLEST:g}")
     if value < low or value > high or (strictly and value == low):
         bounds = f"{'>' if strictly else '>='} {low:g}" if math.isfinite(low) else ""
         if math.isfinite(high):
             bounds = f"{bounds} and <= {high:g}" if bounds else f"<= {high:g}"
-        raise InputError(f"{field} = {value!r}: must be {bounds}")
+        raise InputError(f"{field} = {_shown(value)}: must be {bounds}")
+    if abs(value) > LARGEST:
+        raise InputError(f"{field} = {_shown(value)}: must be at most {LARGEST:g} in size")
     return float(value)
 
 
-def _shown(value: float) -> str:
-    return repr(value) if isinstance(value, float) else f"an integer of {value.bit_length()} bits"
+def _shown(value: int | float) -> str:
+    huge = isinstance(value, int) and abs(value) > LARGEST
+    return f"an integer of {value.bit_length()} bits" if huge else repr(value)
 
 
 def name(field: str, value: Any) -> str:
@@ -76,7 +79,7 @@ def name(field: str, value: Any) -> str:
     fine = isinstance(value, str) and 0 < len(value) <= 80 and value.isprintable()
     if not fine or any(c in value for c in "/\\") or value.startswith("."):
         shown = repr(value) if len(repr(value)) <= 100 else repr(value)[:97] + "..."
-        raise InputError(f"{field} = {shown}: must be 1 to 80 printable characters usable as a file name")
+        raise InputError(f"{field} = {shown}: must be a text usable as a file name, of 1 to 80 printable characters")
     return value
 
 

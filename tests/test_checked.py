@@ -52,6 +52,8 @@ def test_number_keeps_values_within_bounds():
         (3, {"low": 0.0, "high": 2.0}, "must be >= 0 and <= 2"),
         (3, {"high": 2.0}, "must be <= 2"),
         (math.nan, {}, "must be finite"),
+        (1e39, {}, "must be at most 1e+09 in size"),
+        (1e-40, {"low": 0.0, "strictly": True}, "must be at least 1e-06"),
         (-math.inf, {}, "must be finite"),
         (True, {}, "must be a number"),
         ("1", {}, "must be a number"),
@@ -93,3 +95,15 @@ def test_convex_polygon_keeps_vertices():
 )
 def test_convex_polygon_refuses(vertices):
     assert refusal(checked.convex_polygon, "f", vertices).startswith("f")
+
+
+def test_integers_beyond_any_float_are_refused_in_short():
+    assert refusal(checked.number, "duration", 10**400) == (
+        "duration = an integer of 1329 bits: must be at most 1e+09 in size"
+    )
+
+
+@pytest.mark.parametrize("name", ["", "a/b", ".hidden", "two\nlines", "x" * 300, 3])
+def test_names_that_no_file_can_have_are_refused(name):
+    text = refusal(checked.name, "name", name)
+    assert "must be a text usable as a file name" in text and len(text) < 250

@@ -50,6 +50,7 @@ def _made_up():
         result.log,
         time=time,
         view=view,
+        path_time=1.0 * np.arange(len(result.log.path)),
         obstacles=np.asarray(jax.vmap(scenario.obstacles.at)(time)),
         plan=np.repeat(pose[:, None], result.log.plan.shape[1], axis=1),
         parameters=np.tile([7.0, 1.0, 0.0, 0.0, 25.0, 5.0], (TICKS, 1)) * (1.0 + 0.01 * time[:, None]),
