@@ -70,8 +70,9 @@ def number(
 
 
 def _shown(value: int | float) -> str:
-    huge = isinstance(value, int) and abs(value) > LARGEST
-    return f"an integer of {value.bit_length()} bits" if huge else repr(value)
+    if isinstance(value, int) and abs(value) > LARGEST:
+        return f"an integer of {value.bit_length()} bits"
+    return repr(value)
 
 
 def name(field: str, value: Any) -> str:
