@@ -123,8 +123,8 @@ def step(body: Body, pose: Array, twist: Array, wrench_B: Array, h: Floats, smoo
     """One implicit time step of the object under a wrench that turns with it.
 
     The centre of mass moves as a free particle under the wrench, then friction takes the step
-    V+ = argmin 1/2 (V - V_free)' M (V - V_free) + h sqrt(V' A V); the pose follows with the mean velocity. Second
-    order in h while sliding.
+    V+ = argmin 1/2 (V - V_free)' M (V - V_free) + h sqrt(V' A V); the pose follows with the mean velocity. Of
+    second order in h without friction, of first order with it.
 
     Args:
       body: the object.
