@@ -29,6 +29,8 @@ STAGES = (30, 50)
 """horizons N that are measured"""
 LEAD_IN = 100
 """ticks before the measured one, so that the object moves and the plan is warm"""
+LOOPED = 20
+"""ticks of the compiled loop, which shows what a tick costs without the call"""
 WORLD = PlanarWorld()
 
 
@@ -56,8 +58,12 @@ def measure(calls: int) -> dict[str, Any]:
         config = dataclasses.replace(base, horizon=dataclasses.replace(base.horizon, steps=stages))
         tick = compiled(nmpc.tick)
         s = situation(jax.device_put(config), tick)
+        loop = milliseconds(compiled(_loop), s, calls=max(calls // LOOPED, 20))
         parts = {
             "tick": milliseconds(tick, s.state, s.measured, s.task, s.config, calls=calls),
+            "tick and world step in a compiled loop": {
+                name: value if name == "calls" else value / LOOPED for name, value in loop.items()
+            },
             **_timed(_depending(s), calls),
         }
         iterations = config.horizon.sqp_iterations
@@ -121,7 +127,20 @@ def situation(config: PlannerConfig, tick: Callable[..., Any]) -> Situation:
     return Situation(scenario, config, task, state, measured, world, push, ocp, solver, x0)
 
 
-def _measurement(world: PlanarState, scenario: Scenario, time: float) -> Measurement:
+def _loop(s: Situation) -> tuple[PlannerState, PlanarState]:
+    start = LEAD_IN * s.config.horizon.tick
+
+    def body(carry: tuple[PlannerState, PlanarState], k: Array) -> tuple[tuple[PlannerState, PlanarState], None]:
+        state, world = carry
+        measured = _measurement(world, s.scenario, start + k * s.config.horizon.tick)
+        state, command, _ = nmpc.tick(state, measured, s.task, s.config)
+        push = Push(command.force, command.offset_rate)
+        return (state, WORLD.step(world, s.scenario, push, s.config.horizon.tick)), None
+
+    return jax.lax.scan(body, (s.state, s.world), jnp.arange(float(LOOPED)))[0]
+
+
+def _measurement(world: PlanarState, scenario: Scenario, time: float | Array) -> Measurement:
     view = WORLD.view(world, scenario)
     return Measurement(view.pose, view.offset, scenario.obstacles.at(jnp.asarray(time)))
 

@@ -27,6 +27,8 @@ from jaxlocomanip.scenario import Team
 
 SAMPLES = 6
 """steps of the braking motion, each checked at its end"""
+WAITS = 3
+"""instants after the stop at which moving obstacles are looked at"""
 ROOM_RATE = 4.0
 """1/s, of the barrier condition on the room between two robots"""
 FAR = 1e3
@@ -85,7 +87,6 @@ def safety_filter(
       shapes: geometry.
       config: settings.
     """
-    settings = config.safety
     forces, rates = candidates(force, rate)
     rates = jax.vmap(lambda r: keep_room(offset, r, shapes.team))(rates)
 
@@ -96,13 +97,18 @@ def safety_filter(
             jax.vmap(lambda f: braking_room(f, slide, estimate, offset, obstacles, body, shapes, config))(given)
         )
 
-    room = jax.vmap(least)(forces, rates)
-    safe = room >= 0.0
+    own = least(forces[0], rates[0])
+    keep = (own >= 0.0) | (config.safety.enabled < 0.5)
+    # Most inputs are safe as they are: the others are looked at only if this one is not.
+    room = jax.lax.cond(
+        keep,
+        lambda: jnp.full(forces.shape[:1], own),
+        lambda: jnp.concatenate([own[None], jax.vmap(least)(forces[1:], rates[1:])]),
+    )
     # Without a safe candidate, ties in room go to the earlier one: a standing team does not fidget.
     order = jnp.arange(room.shape[0], dtype=room.dtype)
-    score = jnp.where(safe, 1e3 - order, jnp.minimum(room, 0.0) - 1e-4 * order)
-    best = jnp.where(settings.enabled > 0.5, jnp.argmax(score), 0)
-    best = jax.lax.stop_gradient(best)
+    score = jnp.where(room >= 0.0, 1e3 - order, jnp.minimum(room, 0.0) - 1e-4 * order)
+    best = jax.lax.stop_gradient(jnp.where(keep, 0, jnp.argmax(score)))
     return Filtered(forces[best], rates[best], best.astype(jnp.int32), room[best])
 
 
@@ -137,21 +143,34 @@ def braking_room(
     config: PlannerConfig,
 ) -> Array:
     """[] m, least room beyond the margin on the way to rest after one tick of an input."""
-    settings, tick = config.safety, config.horizon.tick
-    wrench = dynamics.body_wrench(shapes.team.contact_points(offset), shapes.team.normal, force)
+    poses, offsets, times = braking_motion(force, rate, estimate, offset, body, shapes, config)
+
+    def room(q: Array, d: Array, t: Array) -> Array:
+        return room_at(q, d, obstacles.position + t * obstacles.velocity, shapes, config)
+
+    return jnp.min(jax.vmap(room)(poses, offsets, times)) - config.safety.margin
+
+
+def braking_motion(
+    force: Array,
+    rate: Array,
+    estimate: ObjectEstimate,
+    offset: Array,
+    body: Body,
+    shapes: Shapes,
+    config: PlannerConfig,
+) -> tuple[Array, Array, Array]:
+    """Poses [n, 3], contact offsets [n, N_r] and times [n] s of the way to rest and of a wait there."""
+    settings, team = config.safety, shapes.team
+    after = config.horizon.tick + settings.lag
+    wrench = dynamics.body_wrench(team.contact_points(offset), team.normal, force)
     # A push may move more than expected (a lighter object), and braking may take longer (a smoother floor).
     resisting = jnp.minimum(settings.friction * body.mass * GRAVITY, body.friction_force)
     moment = resisting * shapes.torsion_radius
     light = Body(body.mass / 1.3, body.inertia / 1.3, body.com, resisting, moment)
     smooth = Body(body.mass, body.inertia, body.com, resisting, moment)
-    pose, twist = dynamics.step(light, estimate.pose, estimate.twist, wrench, tick + settings.lag, 0.0)
-    slowing = settings.friction * GRAVITY
-    turning = slowing * shapes.torsion_radius * body.mass / body.inertia
-    # Translation and rotation share one friction budget: braking both takes at most the sum of the times for either.
-    stop = safe_norm(twist[:2]) / slowing + jnp.abs(twist[2]) / jnp.maximum(turning, 1e-3)
-    h = jnp.minimum(stop, 2.5) / SAMPLES
-
-    team = shapes.team
+    pose, twist = dynamics.step(light, estimate.pose, estimate.twist, wrench, after, 0.0)
+    h = jnp.minimum(stopping_time(twist, body, shapes, config), 2.5) / SAMPLES
 
     def brake(carry: tuple[Array, Array, Array], _: None) -> tuple[tuple[Array, Array, Array], tuple[Array, Array]]:
         q, velocity, d = carry
@@ -159,29 +178,37 @@ def braking_room(
         q, velocity = dynamics.step(smooth, q, velocity, jnp.zeros_like(velocity), h, 0.0)
         return (q, velocity, d), (q, d)
 
-    first = offset + rate * tick + (tick + settings.lag) * slip(estimate.pose, estimate.twist, offset, rate, team)
+    first = offset + rate * config.horizon.tick + after * slip(estimate.pose, estimate.twist, offset, rate, team)
     _, (braking, sliding) = jax.lax.scan(brake, (pose, twist, first), None, length=SAMPLES)
-    poses = jnp.concatenate([pose[None], braking])
-    offsets = jnp.concatenate([first[None], sliding])
-    times = tick + settings.lag + h * jnp.arange(SAMPLES + 1.0, dtype=force.dtype)
-    waits = jnp.linspace(0.0, 1.0, 4, dtype=force.dtype)[1:] * settings.look_ahead
-    poses = jnp.concatenate([poses, jnp.repeat(poses[-1:], 3, axis=0)])
-    offsets = jnp.concatenate([offsets, jnp.repeat(offsets[-1:], 3, axis=0)])
-    times = jnp.concatenate([times, times[-1] + waits])
+    waits = jnp.linspace(0.0, 1.0, WAITS + 1, dtype=force.dtype)[1:] * settings.look_ahead
+    times = after + h * jnp.arange(SAMPLES + 1.0, dtype=force.dtype)
+    return (
+        jnp.concatenate([pose[None], braking, jnp.repeat(braking[-1:], WAITS, axis=0)]),
+        jnp.concatenate([first[None], sliding, jnp.repeat(sliding[-1:], WAITS, axis=0)]),
+        jnp.concatenate([times, times[-1] + waits]),
+    )
 
-    def room(q: Array, d: Array, t: Array) -> Array:
-        d = jnp.clip(d, -team.offset_limit, team.offset_limit)
-        robots = jax.vmap(rectangle)(team.robot_poses(q, d), team.half_length, team.half_width)
-        positions = obstacles.position + t * obstacles.velocity
 
-        def gap(body: Array) -> Array:
-            each = jax.vmap(lambda at, v, r: polygon_distance(body, 0.0, at + v, r))(
-                positions, shapes.obstacle_vertices, shapes.obstacle_radius
-            )
-            return jnp.min(jnp.where(shapes.obstacle_mask, each, FAR))
+def stopping_time(twist: Array, body: Body, shapes: Shapes, config: PlannerConfig) -> Array:
+    """[] s, at most, until friction alone has stopped the object."""
+    slowing = config.safety.friction * GRAVITY
+    turning = slowing * shapes.torsion_radius * body.mass / body.inertia
+    # Translation and rotation share one friction budget: braking both takes at most the sum of the times for either.
+    return safe_norm(twist[:2]) / slowing + jnp.abs(twist[2]) / jnp.maximum(turning, 1e-3)
 
-        object_gap = jnp.where(config.protection.object > 0.5, gap(transform(q, shapes.object_vertices)), FAR)
-        robot_gap = jnp.where(config.protection.robots > 0.5, jnp.min(jax.vmap(gap)(robots)), FAR)
-        return jnp.minimum(object_gap, robot_gap) - settings.margin
 
-    return jnp.min(jax.vmap(room)(poses, offsets, times))
+def room_at(pose: Array, offset: Array, obstacles: Array, shapes: Shapes, config: PlannerConfig) -> Array:
+    """[] m, distance between the true shapes of object and robots and the obstacles at [N_o, 2]."""
+    team = shapes.team
+    offset = jnp.clip(offset, -team.offset_limit, team.offset_limit)
+    robots = jax.vmap(rectangle)(team.robot_poses(pose, offset), team.half_length, team.half_width)
+
+    def gap(body: Array) -> Array:
+        each = jax.vmap(lambda at, v, r: polygon_distance(body, 0.0, at + v, r))(
+            obstacles, shapes.obstacle_vertices, shapes.obstacle_radius
+        )
+        return jnp.min(jnp.where(shapes.obstacle_mask, each, FAR))
+
+    object_gap = jnp.where(config.protection.object > 0.5, gap(transform(pose, shapes.object_vertices)), FAR)
+    robot_gap = jnp.where(config.protection.robots > 0.5, jnp.min(jax.vmap(gap)(robots)), FAR)
+    return jnp.minimum(object_gap, robot_gap)
