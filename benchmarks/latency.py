@@ -14,7 +14,7 @@ from benchmarks.timing import compiled, milliseconds
 from jaxlocomanip import PlannerConfig, build_scenario, find_scenario
 from jaxlocomanip.numerics import pytree
 from jaxlocomanip.planner import nmpc, problem, reference, safety
-from jaxlocomanip.planner.nmpc import Measurement, PlannerState, Task
+from jaxlocomanip.planner.nmpc import Command, Measurement, PlannerState, Task
 from jaxlocomanip.planner.problem import PushProblem
 from jaxlocomanip.planner.shapes import shapes_of
 from jaxlocomanip.scenario import Scenario
@@ -113,11 +113,11 @@ def situation(config: PlannerConfig, tick: Callable[..., Any]) -> Situation:
     measured = _measurement(world, scenario, 0)
     state = nmpc.replan(nmpc.start(task, measured, config), task, config)
     step = jax.jit(_world_step)
-    push = Push(jnp.zeros_like(measured.offset), jnp.zeros_like(measured.offset))
+    push = _asked(state.command)
     for k in range(LEAD_IN):
         measured = _measurement(world, scenario, k * config.horizon.tick)
         state, command, _ = tick(state, measured, task, config)
-        push = Push(command.force, command.offset_rate)
+        push = _asked(command)
         world = step(world, scenario, push, config)
     measured = _measurement(world, scenario, LEAD_IN * config.horizon.tick)
     x0 = jnp.concatenate([measured.pose, state.object.twist, measured.offset])
@@ -134,15 +134,19 @@ def _loop(s: Situation) -> tuple[PlannerState, PlanarState]:
         state, world = carry
         measured = _measurement(world, s.scenario, start + k * s.config.horizon.tick)
         state, command, _ = nmpc.tick(state, measured, s.task, s.config)
-        push = Push(command.force, command.offset_rate)
-        return (state, WORLD.step(world, s.scenario, push, s.config.horizon.tick)), None
+        push = _asked(command)
+        return (state, WORLD.step(world, s.scenario, push, k, s.config.horizon.tick)), None
 
     return jax.lax.scan(body, (s.state, s.world), jnp.arange(float(LOOPED)))[0]
 
 
+def _asked(command: Command) -> Push:
+    return Push(command.force, command.offset_rate, command.twist, command.resting)
+
+
 def _measurement(world: PlanarState, scenario: Scenario, time: float | Array) -> Measurement:
     view = WORLD.view(world, scenario)
-    return Measurement(view.pose, view.offset, scenario.obstacles.at(jnp.asarray(time)))
+    return Measurement(view.pose, view.offset, scenario.obstacles.at(jnp.asarray(time)), view.contact)
 
 
 def _targets(state: PlannerState, config: PlannerConfig) -> reference.Targets:
@@ -174,7 +178,7 @@ def _filter(
 
 
 def _world_step(world: PlanarState, scenario: Scenario, push: Push, config: PlannerConfig) -> PlanarState:
-    return WORLD.step(world, scenario, push, config.horizon.tick)
+    return WORLD.step(world, scenario, push, jnp.zeros(()), config.horizon.tick)
 
 
 def _nothing(state: PlannerState, measured: Measurement, task: Task, config: PlannerConfig) -> Array:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from jaxlocomanip import library
-from jaxlocomanip.checked import InputError, nearest, one_of
+from jaxlocomanip.checked import InputError, nearest
 from jaxlocomanip.files import prepare_directory, write_whole
 from jaxlocomanip.specification import ScenarioSpec
 
@@ -102,7 +102,8 @@ def _parser() -> argparse.ArgumentParser:
     run = commands.add_parser("simulate", help="run scenarios in closed loop", allow_abbrev=False)
     add = run.add_argument
     add("scenarios", nargs="+", metavar="SCENARIO", help="name in the library or path of a TOML file")
-    add("--world", default="planar", help="world to simulate in: planar (default)")
+    add("--world", default="planar", help="world to simulate in: planar (default) or quadruped")
+    add("--backend", help="physics of the quadruped world: c (MuJoCo, default) or mjx")
     add("--config", default="robust", help="planner settings: robust (default), paper, or a TOML file")
     add(
         "--without",
@@ -149,6 +150,7 @@ class _Job:
     config_name: str
     without: tuple[str, ...]
     world: str
+    backend: str | None
     seed: int
     record: bool
     draw: bool
@@ -162,10 +164,12 @@ def _checked_job(arguments: argparse.Namespace) -> _Job:
     draw = _refuse_missing_viewers(record=not arguments.no_record)
 
     from jaxlocomanip import config_file
-    from jaxlocomanip.closed_loop import WORLDS
+    from jaxlocomanip.closed_loop import load_world
 
+    load_world(arguments.world, arguments.backend, batched=False)
     return _Job(
-        world=one_of("world", arguments.world, list(WORLDS)),
+        world=arguments.world,
+        backend=arguments.backend,
         config=config_file.without(_config(arguments.config), arguments.without),
         config_name=arguments.config,
         without=tuple(dict.fromkeys(arguments.without)),
@@ -244,13 +248,14 @@ def _run(job: _Job, index: int) -> tuple[dict[str, Any], Result]:
 
     _say("compiling... ")
     start = time.perf_counter()
-    run = compiled(job.scenarios[index], job.config, job.world, record=job.record or job.draw)
+    record = job.record or job.draw
+    run = compiled(job.scenarios[index], job.config, job.world, backend=job.backend, record=record)
     compile_s = time.perf_counter() - start
     _say(f"{compile_s:.1f} s, running... ")
     start = time.perf_counter()
     result = jax.block_until_ready(run(job.seed))
     run_s = time.perf_counter() - start
-    record = {
+    figures = {
         "name": job.specs[index].name,
         "world": job.world,
         "config": job.config_name,
@@ -260,8 +265,8 @@ def _run(job: _Job, index: int) -> tuple[dict[str, Any], Result]:
         "compile_s": round(compile_s, 3),
         "run_s": round(run_s, 3),
     }
-    _say(f"{run_s:.1f} s: {summary.verdict(record)}\n")
-    return record, result
+    _say(f"{run_s:.1f} s: {summary.verdict(figures)}\n")
+    return figures, result
 
 
 def _show(job: _Job, index: int, result: Result) -> None:

@@ -1,70 +1,38 @@
-"""The closed loop of planner and world: a whole episode inside one compiled scan, for one scenario or a batch.
+"""The closed loop of planner and world: whole episodes, for one scenario or a batch.
 
     result = simulate(scenario)                  # one Scenario, or a batch with a leading axis: the same function
     result.outcome.reached, result.log.pose      # arrays, with the batch axis first if there is one
 
-The planner ticks at its own rate, searches its path at a slower one, and the world takes its substeps in between. A
-lane whose state becomes non-finite, or whose duration has passed, is frozen and never harms its neighbours.
+The planner ticks at its own rate, searches its path at a slower one, and the world takes its own steps in between.
+A lane whose state becomes non-finite, whose robot falls or whose duration has passed is frozen and never harms its
+neighbours. Worlds in JAX run with the planner in one compiled scan; a world outside of JAX is stepped from Python.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from functools import partial
-from types import MappingProxyType
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxlocomanip.checked import one_of
-from jaxlocomanip.numerics import all_finite, pytree, select
-from jaxlocomanip.outcome import Clearances, Outcome, Tally, clearances, count, start_tally, summarise
-from jaxlocomanip.planner import nmpc
+from jaxlocomanip import loop as closing
+from jaxlocomanip.checked import InputError, one_of
+from jaxlocomanip.loop import Log, Loop
+from jaxlocomanip.numerics import pytree, select
+from jaxlocomanip.outcome import Outcome, summarise
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.nmpc import Command, Measurement, PlannerState, Report, Task
-from jaxlocomanip.planner.shapes import shapes_of
 from jaxlocomanip.scenario import Scenario
-from jaxlocomanip.solver.sqp import Status
-from jaxlocomanip.worlds.interface import Push, View, World
+from jaxlocomanip.worlds.interface import World
 from jaxlocomanip.worlds.planar import PlanarWorld
 
-WORLDS: Mapping[str, World] = MappingProxyType({"planar": PlanarWorld()})
+WORLDS: tuple[str, ...] = ("planar", "quadruped")
 """Worlds by name."""
-
-MAX_DELAY_TICKS = 6
-"""longest command delay that the loop can represent, in ticks"""
-
-
-@pytree
-class Log:
-    """Trajectory of an episode, one row a tick [T, ...], with the state before the row's command acts."""
-
-    time: Array
-    """[T] s"""
-    view: View
-    """true state"""
-    obstacles: Array
-    """[T, N_o, 2] m, true positions"""
-    clearances: Clearances
-    command: Command
-    report: Report
-    plan: Array
-    """[T, N + 1, 3] predicted object poses"""
-    path: Array
-    """[P, POINTS, 3] paths found by the P searches of the episode"""
-    path_time: Array
-    """[P] s, from when each of them is in force"""
-    estimate: Array
-    """[T, 3] estimated object pose"""
-    parameters: Array
-    """[T, 6] estimated Psi"""
-    solver: Array
-    """[T, 5] cost, defect, step, step length, status"""
+BACKENDS: tuple[str, ...] = ("c", "mjx")
+"""Physics of the quadruped world: MuJoCo's own (one scenario, fast on a CPU), or MJX (batches in one program)."""
 
 
 @pytree
@@ -75,24 +43,12 @@ class Result:
     log: Log | None
 
 
-@pytree
-class _Loop:
-    planner: PlannerState
-    world: Any
-    commands: Command
-    """the last MAX_DELAY_TICKS + 1 commands, newest first"""
-    tally: Tally
-    least: Clearances
-    """clearances now"""
-    tick: Array
-    alive: Array
-
-
 def simulate(
     scenarios: Scenario,
     config: PlannerConfig | None = None,
     world: str = "planar",
     *,
+    backend: str | None = None,
     seed: int = 0,
     record: bool = True,
 ) -> Result:
@@ -102,6 +58,7 @@ def simulate(
       scenarios: one scenario, or a batch with a leading axis (`scenario.stack`).
       config: planner settings; the `robust` preset by default.
       world: name in `WORLDS`.
+      backend: of the quadruped world, one of `BACKENDS`; by default `c` for one scenario and `mjx` for a batch.
       seed: of measurement noise; each lane folds in its own index.
       record: keep trajectories. Without, memory does not grow with the duration.
 
@@ -109,37 +66,69 @@ def simulate(
       Outcome and log; leaves have the batch axis first if `scenarios` has one.
 
     Raises:
-      InputError: unknown world.
+      InputError: unknown world or backend, or a scenario that the world cannot represent.
     """
-    return compiled(scenarios, config, world, record=record)(seed)
+    return compiled(scenarios, config, world, backend=backend, record=record)(seed)
 
 
 def compiled(
-    scenarios: Scenario, config: PlannerConfig | None = None, world: str = "planar", *, record: bool = True
+    scenarios: Scenario,
+    config: PlannerConfig | None = None,
+    world: str = "planar",
+    *,
+    backend: str | None = None,
+    record: bool = True,
 ) -> Any:
     """`simulate` with its compilation done: a function seed -> Result. The compilation is shared by equal shapes."""
-    one_of("world", world, list(WORLDS))
     settings = PlannerConfig() if config is None else config
-    ticks = math.ceil(float(np.max(np.asarray(scenarios.duration))) / settings.horizon.tick - 1e-6)
     batched = np.ndim(scenarios.duration) == 1
+    behind = load_world(world, backend, batched).prepare(scenarios)
+    ticks = math.ceil(float(np.max(np.asarray(scenarios.duration))) / settings.horizon.tick - 1e-6)
+    if not getattr(behind, "traceable", True):
+        from jaxlocomanip.hosted import compiled_on_host
+
+        return compiled_on_host(scenarios, settings, behind, ticks, record)
     function = _batch if batched else _single
-    key = jax.random.key(0)
-    program = function.lower(scenarios, settings, key, world, ticks, record).compile()
+    program = function.lower(scenarios, settings, jax.random.key(0), behind, ticks, record).compile()
 
     def run(seed: int) -> Result:
-        return program(scenarios, settings, jax.random.key(seed))
+        return program(scenarios, settings, jax.random.key(seed), behind)
 
     return run
 
 
-@partial(jax.jit, static_argnames=("world", "ticks", "record"))
-def _single(scenario: Scenario, config: PlannerConfig, key: Array, world: str, ticks: int, record: bool) -> Result:
-    return episode(scenario, config, key, WORLDS[world], ticks, record)
+def load_world(name: str, backend: str | None, batched: bool) -> World:
+    """A world by name, not yet prepared for any scenario.
+
+    Raises:
+      InputError: unknown world or backend; a backend that cannot do what is asked; MuJoCo is not installed.
+    """
+    one_of("world", name, WORLDS)
+    if backend is not None:
+        one_of("backend", backend, BACKENDS)
+    if name == "planar":
+        if backend is not None:
+            raise InputError(f"backend = {backend!r}: only the quadruped world has backends")
+        return PlanarWorld()
+    if backend == "c" and batched:
+        raise InputError("backend = 'c': steps one scenario at a time; use 'mjx' for a batch")
+    try:
+        from jaxlocomanip.worlds import quadruped
+    except ModuleNotFoundError as missing:
+        raise InputError(
+            f"world = 'quadruped': needs the sim extra ({missing}): pip install \"jaxlocomanip[sim]\""
+        ) from None
+    return quadruped.world(backend or ("mjx" if batched else "c"))
 
 
-@partial(jax.jit, static_argnames=("world", "ticks", "record"))
-def _batch(scenarios: Scenario, config: PlannerConfig, key: Array, world: str, ticks: int, record: bool) -> Result:
-    return jax.vmap(lambda s: episode(s, config, key, WORLDS[world], ticks, record))(scenarios)
+@partial(jax.jit, static_argnames=("ticks", "record"))
+def _single(scenario: Scenario, config: PlannerConfig, key: Array, world: World, ticks: int, record: bool) -> Result:
+    return episode(scenario, config, key, world, ticks, record)
+
+
+@partial(jax.jit, static_argnames=("ticks", "record"))
+def _batch(scenarios: Scenario, config: PlannerConfig, key: Array, world: World, ticks: int, record: bool) -> Result:
+    return jax.vmap(lambda s, w: episode(s, config, key, w, ticks, record))(scenarios, world)
 
 
 def episode(scenario: Scenario, config: PlannerConfig, key: Array, world: World, ticks: int, record: bool) -> Result:
@@ -149,99 +138,43 @@ def episode(scenario: Scenario, config: PlannerConfig, key: Array, world: World,
       scenario: without batch axis.
       config: planner settings.
       key: random key; the scenario's index is folded in.
-      world: the world behind the measurement.
+      world: the world behind the measurement, prepared for the scenario.
       ticks: number of planner ticks to run; a shorter `scenario.duration` freezes the rest.
       record: keep the trajectory.
     """
-    task = Task(shapes_of(scenario), scenario.object, scenario.goal)
-    lane = jax.random.fold_in(key, scenario.index)
     state = world.start(scenario)
-    planner = nmpc.start(
-        task, _measure(world.view(state, scenario), scenario, lane, jnp.zeros((), jnp.int32), 0.0), config
-    )
-    history = jax.tree.map(lambda leaf: jnp.stack([leaf] * (MAX_DELAY_TICKS + 1)), planner.command)
-    zero = jnp.zeros((), jnp.int32)
-    least = clearances(scenario, world.view(state, scenario), scenario.obstacles.at(jnp.zeros(())))
-    loop = _Loop(planner, state, history, start_tally(scenario), least, zero, jnp.ones((), bool))
-    per_block = max(1, round(config.reference.replan / config.horizon.tick))
+    loop = closing.begin(scenario, config, key, world.view(state, scenario))
+    per_block = ticks_per_search(config)
 
-    def tick(carry: _Loop, _: None) -> tuple[_Loop, Log | None]:
-        return _tick(carry, scenario, task, config, lane, world, record)
+    def tick(carry: tuple[Loop, Any], _: None) -> tuple[tuple[Loop, Any], Log | None]:
+        loop, state = carry
+        view = world.view(state, scenario)
+        decision = closing.decide(loop, view, scenario, config, key, record)
+        new = world.step(state, scenario, decision.push, loop.tick * config.horizon.tick, config.horizon.tick)
+        loop, moves = closing.settle(loop, decision, view, world.view(new, scenario), scenario, config)
+        return (loop, select(moves, new, state)), decision.row
 
-    def block(carry: _Loop, _: None) -> tuple[_Loop, tuple[Log | None, Array, Array]]:
-        started = carry.tick * config.horizon.tick
-        searched = nmpc.replan(carry.planner, task, config)
-        carry, rows = jax.lax.scan(tick, dataclasses.replace(carry, planner=searched), None, length=per_block)
-        return carry, (rows, searched.path.poses, started)
+    def block(carry: tuple[Loop, Any], _: None) -> tuple[tuple[Loop, Any], tuple[Log | None, Array, Array]]:
+        loop, state = carry
+        started = loop.tick * config.horizon.tick
+        loop = closing.replan(loop, scenario, config)
+        carry, rows = jax.lax.scan(tick, (loop, state), None, length=per_block)
+        return carry, (rows, loop.planner.path.poses, started)
 
     # Whole blocks, so that the tick is compiled once; ticks past the end are frozen and cut from the log.
     blocks = -(-ticks // per_block)
-    loop, (rows, paths, path_times) = jax.lax.scan(block, loop, None, length=blocks)
+    (loop, state), (rows, paths, path_times) = jax.lax.scan(block, (loop, state), None, length=blocks)
     log = jax.tree.map(lambda leaf: leaf.reshape(blocks * per_block, *leaf.shape[2:])[:ticks], rows)
-    outcome = summarise(loop.tally, scenario, world.view(loop.world, scenario), loop.planner.parameters.psi)
     if log is not None:
         log = dataclasses.replace(log, path=paths, path_time=path_times)
-    return Result(outcome, log)
+    return Result(finish(loop, scenario, world.view(state, scenario)), log)
 
 
-def _measure(view: View, scenario: Scenario, lane: Array, tick: Array, time: Array | float) -> Measurement:
-    sensing = scenario.sensing
-    pose_key, obstacle_key = jax.random.split(jax.random.fold_in(lane, tick))
-    spread = jnp.stack([sensing.position_std, sensing.position_std, sensing.heading_std])
-    positions = scenario.obstacles.at(jnp.asarray(time, view.pose.dtype))
-    return Measurement(
-        pose=view.pose + spread * jax.random.normal(pose_key, (3,), view.pose.dtype),
-        offset=view.offset,
-        obstacles=positions + sensing.obstacle_std * jax.random.normal(obstacle_key, positions.shape, positions.dtype),
-    )
+def ticks_per_search(config: PlannerConfig) -> int:
+    """Planner ticks between two searches of the path."""
+    return max(1, round(config.reference.replan / config.horizon.tick))
 
 
-def _tick(
-    loop: _Loop,
-    scenario: Scenario,
-    task: Task,
-    config: PlannerConfig,
-    lane: Array,
-    world: World,
-    record: bool,
-) -> tuple[_Loop, Log | None]:
-    period = config.horizon.tick
-    time = loop.tick * period
-    view = world.view(loop.world, scenario)
-    measured = _measure(view, scenario, lane, loop.tick, time)
-    planner, command, report = nmpc.tick(loop.planner, measured, task, config)
-    commands = jax.tree.map(lambda new, old: jnp.concatenate([new[None], old[:-1]]), command, loop.commands)
-    delay = jnp.clip(jnp.rint(scenario.sensing.command_delay / period), 0, MAX_DELAY_TICKS).astype(jnp.int32)
-    acting = jax.tree.map(lambda leaf: leaf[delay], commands)
-    state = world.step(loop.world, scenario, Push(acting.force, acting.offset_rate), period)
-    after = world.view(state, scenario)
-    end = time + period
-    least = clearances(scenario, after, scenario.obstacles.at(end))
-    finite = all_finite(after)
-    status = jnp.where(finite, planner.solver.status, Status.NONFINITE)
-    tally = count(loop.tally, scenario, view, after, least, status, end, period)
-    running = loop.alive & (time < scenario.duration - 1e-4)
-    frozen = dataclasses.replace(
-        loop, tally=dataclasses.replace(loop.tally, nonfinite=loop.tally.nonfinite + (running & ~finite))
-    )
-    moved = _Loop(planner, state, commands, tally, least, loop.tick + 1, loop.alive)
-    new = select(running & finite, moved, frozen)
-    new = dataclasses.replace(new, alive=loop.alive & finite, tick=loop.tick + 1)
-    if not record:
-        return new, None
-    solver = planner.solver
-    row = Log(
-        time=time,
-        view=view,
-        obstacles=scenario.obstacles.at(time),
-        clearances=loop.least,
-        command=command,
-        report=report,
-        plan=solver.plan.xs[:, :3],
-        path=jnp.zeros((0,)),
-        path_time=jnp.zeros((0,)),
-        estimate=planner.object.pose,
-        parameters=planner.parameters.filtered,
-        solver=jnp.stack([solver.cost, solver.defect, solver.step, solver.length, solver.status.astype(time.dtype)]),
-    )
-    return new, row
+def finish(loop: Loop, scenario: Scenario, view: Any) -> Outcome:
+    """The outcome of an episode that ended in the state `view`."""
+    return summarise(loop.tally, scenario, view, loop.planner.parameters.psi)

@@ -38,7 +38,7 @@ class Outcome:
     """Results of one episode."""
 
     reached: Array
-    """[] bool, within both tolerances continuously for the last 2 s"""
+    """[] bool, within both tolerances continuously for the last 2 s, and nobody fell"""
     reach_time_s: Array
     """[] s, since when; NaN if not reached"""
     final_position_error_m: Array
@@ -48,6 +48,10 @@ class Outcome:
     min_team_clearance_m: Array
     collided: Array
     """[] bool, some clearance was below zero"""
+    fell: Array
+    """[] bool, some robot fell; the episode ends there"""
+    contact_lost: Array
+    """[] fraction of the time since first contact during which a robot was not at its face"""
     max_force_n: Array
     """[] N, largest contact force that acted"""
     path_length_m: Array
@@ -98,6 +102,11 @@ class Tally:
     ticks: Array
     nonfinite: Array
     converged: Array
+    fell: Array
+    touched: Array
+    """[N_r] s, since first contact"""
+    lost: Array
+    """[N_r] s, of it without contact"""
 
 
 def start_tally(scenario: Scenario) -> Tally:
@@ -105,7 +114,20 @@ def start_tally(scenario: Scenario) -> Tally:
     zero = jnp.zeros((), scenario.start.dtype)
     count = jnp.zeros((), jnp.int32)
     far = zero + CLEAR
-    return Tally(Clearances(far, far, far), zero + jnp.nan, zero, zero, zero, count, count, count)
+    none = jnp.zeros_like(scenario.team.offset)
+    return Tally(
+        least=Clearances(far, far, far),
+        within_since=zero + jnp.nan,
+        max_force=zero,
+        way=zero,
+        impulse=zero,
+        ticks=count,
+        nonfinite=count,
+        converged=count,
+        fell=jnp.zeros((), bool),
+        touched=none,
+        lost=none,
+    )
 
 
 def goal_errors(scenario: Scenario, pose: Array) -> tuple[Array, Array]:
@@ -137,13 +159,16 @@ def count(
         ticks=tally.ticks + 1,
         nonfinite=tally.nonfinite + (status == Status.NONFINITE),
         converged=tally.converged + (status <= Status.ITERATION_LIMIT),
+        fell=tally.fell | jnp.any(view.fallen),
+        touched=tally.touched + tick * (view.contact | (tally.touched > 0.0)),
+        lost=tally.lost + tick * (~view.contact & (tally.touched > 0.0)),
     )
 
 
 def summarise(tally: Tally, scenario: Scenario, view: View, psi: Array) -> Outcome:
     """The outcome of an episode that ended in the state `view` with the estimates `psi` [6]."""
     distance, turn = goal_errors(scenario, view.pose)
-    reached = scenario.duration - tally.within_since >= HOLD - 1e-3
+    reached = (scenario.duration - tally.within_since >= HOLD - 1e-3) & ~tally.fell
     least = tally.least
     return Outcome(
         reached=reached,
@@ -154,6 +179,8 @@ def summarise(tally: Tally, scenario: Scenario, view: View, psi: Array) -> Outco
         min_robot_clearance_m=least.robots,
         min_team_clearance_m=least.team,
         collided=jnp.minimum(jnp.minimum(least.object, least.robots), least.team) < 0.0,
+        fell=tally.fell,
+        contact_lost=jnp.max(tally.lost / jnp.maximum(tally.touched, 1e-6)),
         max_force_n=tally.max_force,
         path_length_m=tally.way,
         push_impulse_ns=tally.impulse,

@@ -141,7 +141,7 @@ def test_recording_needs_the_view_extra(capsys):
 def made_up_outcome(**changes):
     values = dict.fromkeys(Outcome.__dataclass_fields__, np.float32(0.1))
     counts = {"ticks": 20, "nonfinite": 0, "converged": 19}
-    flags = {"reached": np.bool_(False), "collided": np.bool_(False)}
+    flags = {"reached": np.bool_(False), "collided": np.bool_(False), "fell": np.bool_(False)}
     nothing = {"reach_time_s": np.float32(np.nan), "min_team_clearance_m": np.float32(CLEAR)}
     psi = np.array([8.0, 1.0, 0.8, -0.4, 30.0, 3.0], np.float32)
     return Outcome(**(values | counts | flags | nothing | {"estimates": psi} | changes))
@@ -152,7 +152,7 @@ def test_an_interrupted_run_keeps_the_finished_scenarios(capsys, place, monkeypa
     runs = []
 
     def compiled(*_, **options):
-        assert options == {"record": False}
+        assert options == {"backend": None, "record": False}
         if runs:
             raise KeyboardInterrupt
         runs.append(1)

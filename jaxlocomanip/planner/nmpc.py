@@ -46,6 +46,8 @@ class Measurement:
     """[N_r] m, contact offsets"""
     obstacles: Array
     """[N_o, 2] m"""
+    contact: Array
+    """[N_r] bool: robots that are at their face; of the others no push is believed to act"""
 
 
 @pytree
@@ -60,6 +62,8 @@ class Command:
     """[N_r] m, contact offset at the end of the tick"""
     twist: Array
     """[3] m/s, rad/s: the object's planned velocity"""
+    resting: Array
+    """[] bool: the object has arrived"""
 
 
 @pytree
@@ -122,7 +126,7 @@ def start(task: Task, measured: Measurement, config: PlannerConfig) -> PlannerSt
         solver=sqp.start(guess, options(config)),
         force=zero,
         offset=measured.offset,
-        command=Command(zero, zero, measured.offset, jnp.zeros(3, first.dtype)),
+        command=Command(zero, zero, measured.offset, jnp.zeros(3, first.dtype), jnp.ones((), bool)),
     )
 
 
@@ -167,7 +171,7 @@ def tick(
         wanted, slide, estimate, measured.offset, obstacles, parameters.body, task.shapes, config
     )
     offset = jnp.clip(measured.offset + horizon.tick * sent.offset_rate, -limits.offset_limit, limits.offset_limit)
-    command = Command(sent.force, sent.offset_rate, offset, solver.plan.xs[1, 3:6])
+    command = Command(sent.force, sent.offset_rate, offset, solver.plan.xs[1, 3:6], progress.resting)
     new = PlannerState(
         estimate, obstacles, parameters, state.path, state.origin, progress, solver, force, measured.offset, command
     )
@@ -180,7 +184,8 @@ def observe(
     """State estimation and adaptation over the tick that just ended; also the push [N_r] believed to act now."""
     horizon, settings = config.horizon, config.adaptation
     before, psi = state.object, state.parameters.filtered
-    force = state.force + (state.command.force - state.force) * horizon.tick / (horizon.tick + FORCE_LAG)
+    asked = jnp.where(measured.contact, state.command.force, 0.0)
+    force = state.force + (asked - state.force) * horizon.tick / (horizon.tick + FORCE_LAG)
     offset = 0.5 * (state.offset + measured.offset)
     team = task.shapes.team
     wrench_B = dynamics.body_wrench(team.contact_points(offset), team.normal, force)

@@ -105,7 +105,7 @@ def verdict(outcome: Outcome) -> str:
         "robot to robot": outcome.min_team_clearance_m,
     }
     kept = ", ".join(f"{what} {float(value):.2f} m" for what, value in pairs.items() if value < 0.5 * CLEAR)
-    touched = ", collided" if outcome.collided else ""
+    touched = (", collided" if outcome.collided else "") + (", a robot fell" if outcome.fell else "")
     return f"{ending}{touched};  least clearance: {kept}" if kept else ending
 
 

@@ -61,6 +61,8 @@ def verdict(record: Mapping[str, Any]) -> str:
         words = f"not reached ({_cell(distance)} m and {_cell(turn)} rad off)"
     if record["collided"]:
         words += ", collided"
+    if record["fell"]:
+        words += ", a robot fell"
     if record["solver"]["nonfinite"]:
         words += ", met non-finite numbers"
     return words
@@ -78,6 +80,7 @@ def table(records: Sequence[Mapping[str, Any]]) -> str:
         ("robots", "m clear", [_cell(r["min_robot_clearance_m"]) for r in records]),
         ("team", "m clear", [_cell(r["min_team_clearance_m"]) for r in records]),
         ("collided", "", ["yes" if r["collided"] else "no" for r in records]),
+        ("fell", "", ["yes" if r["fell"] else "no" for r in records]),
         ("force", "max N", [_cell(r["max_force_n"], 1) for r in records]),
         ("converged", "% ticks", [_percent(r["solver"]["converged_fraction"]) for r in records]),
         ("compile", "s", [_cell(r["compile_s"], 1) for r in records]),

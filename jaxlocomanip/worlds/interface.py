@@ -18,6 +18,24 @@ class Push:
     """[N_r] N"""
     offset_rate: Array
     """[N_r] m/s"""
+    twist: Array
+    """[3] m/s, rad/s: the velocity that the object is meant to have, of its body point, world axes"""
+    resting: Array
+    """[] bool: the object has arrived, nobody needs to walk"""
+
+
+@pytree
+class Bodies:
+    """Bodies in space, for recordings."""
+
+    position: Array
+    """[n, 3] m"""
+    quaternion: Array
+    """[n, 4] w, x, y, z"""
+    foot_force: Array
+    """[N_r, 4, 3] N, on each foot, world axes"""
+    contact_point: Array
+    """[N_r, 3] m, where each robot touches or would touch the object"""
 
 
 @pytree
@@ -34,17 +52,31 @@ class View:
     """[N_r] N, contact forces that act"""
     robots: Array
     """[N_r, 3] poses of the robots' body rectangles"""
+    contact: Array
+    """[N_r] bool: the robot is at its face and pushes as asked"""
+    fallen: Array
+    """[N_r] bool"""
+    bodies: Bodies | None
+    """what only a world with bodies in space has"""
 
 
 class World(Protocol):
-    """A world stands behind the measurement; its state is a pytree of its own."""
+    """A world stands behind the measurement: a pytree of whatever it needs to know, with a state of its own."""
+
+    def prepare(self, scenarios: Scenario) -> World:
+        """The world made ready for scenarios, outside any compiled program; its leaves get their batch axis.
+
+        Raises:
+          InputError: a scenario that this world cannot represent.
+        """
+        ...
 
     def start(self, scenario: Scenario) -> Any:
         """State at t = 0."""
         ...
 
-    def step(self, state: Any, scenario: Scenario, push: Push, tick: float) -> Any:
-        """State one tick later, the push held."""
+    def step(self, state: Any, scenario: Scenario, push: Push, time: Array, tick: float) -> Any:
+        """State one tick after `time`, the push held."""
         ...
 
     def view(self, state: Any, scenario: Scenario) -> View:

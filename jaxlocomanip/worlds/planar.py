@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxlocomanip.numerics import pytree, static
@@ -43,13 +44,19 @@ class PlanarWorld:
     fade: float = 0.1
     """m/s below the robot's top speed over which its push fades"""
 
+    def prepare(self, scenarios: Scenario) -> PlanarWorld:
+        """The same numbers for each scenario of a batch."""
+        lanes = np.shape(scenarios.duration)
+        return jax.tree.map(lambda leaf: np.full(lanes, leaf, np.asarray(scenarios.start).dtype), self)
+
     def start(self, scenario: Scenario) -> PlanarState:
         """At rest in the start pose, in contact, not pushing."""
         still = jnp.zeros_like(scenario.start)
         return PlanarState(scenario.start, still, scenario.team.offset, jnp.zeros_like(scenario.team.offset))
 
-    def step(self, state: PlanarState, scenario: Scenario, push: Push, tick: float) -> PlanarState:
+    def step(self, state: PlanarState, scenario: Scenario, push: Push, time: Array, tick: float) -> PlanarState:
         """One tick of physics."""
+        del time
         h = tick / self.substeps
 
         def body(carry: PlanarState, _: None) -> tuple[PlanarState, None]:
@@ -76,4 +83,5 @@ class PlanarWorld:
     def view(self, state: PlanarState, scenario: Scenario) -> View:
         """The true state."""
         robots = scenario.team.robot_poses(state.pose, state.offset)
-        return View(state.pose, state.twist, state.offset, state.force, robots)
+        touching = jnp.ones_like(state.offset, dtype=bool)
+        return View(state.pose, state.twist, state.offset, state.force, robots, touching, ~touching, None)

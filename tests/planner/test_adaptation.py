@@ -136,7 +136,7 @@ def test_friction_converges_on_a_pushed_object(make_scenario):
     task = Task(shapes_of(scenario), scenario.object, scenario.goal)
 
     def measure(state):
-        return Measurement(state.pose, state.offset, scenario.obstacles.position)
+        return Measurement(state.pose, state.offset, scenario.obstacles.position, jnp.ones(1, bool))
 
     def tick(carry, k):
         state, planner = carry
@@ -153,7 +153,8 @@ def test_friction_converges_on_a_pushed_object(make_scenario):
             offset=state.offset,
             command=command,
         )
-        return (world.step(state, scenario, Push(push, jnp.zeros(1)), TICK), planner), parameters.psi
+        asked = Push(push, jnp.zeros(1), jnp.zeros(3), jnp.zeros((), bool))
+        return (world.step(state, scenario, asked, 0.0, TICK), planner), parameters.psi
 
     start = world.start(scenario)
     carry = start, nmpc.start(task, measure(start), config)

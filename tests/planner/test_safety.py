@@ -15,6 +15,11 @@ from jaxlocomanip.planner.shapes import shapes_of
 from jaxlocomanip.worlds.interface import Push
 from jaxlocomanip.worlds.planar import PlanarState, PlanarWorld
 
+
+def pushing(force, rate):
+    return Push(force, rate, jnp.zeros(3), jnp.zeros((), bool))
+
+
 CONFIG, WORLD = PlannerConfig(), PlanarWorld()
 TICK = CONFIG.horizon.tick
 DISC = 0.25 * np.sqrt(2.0)  # radius of the disc that covers the object
@@ -107,7 +112,7 @@ def let_go(scenario, state, sent):
     """Least clearance over one tick of the filtered input and then two seconds of nothing, and whether it rests."""
 
     def tick(state, force):
-        after = WORLD.step(state, scenario, Push(force, jnp.zeros_like(force)), TICK)
+        after = WORLD.step(state, scenario, pushing(force, jnp.zeros_like(force)), 0.0, TICK)
         return after, clearance(scenario, after)
 
     pushes = jnp.zeros((100, 2)).at[0].set(sent.force)
@@ -151,7 +156,7 @@ def push_on(scenario, state, force):
 
     def tick(state, _):
         sent = filtered(scenario, state, force, jnp.zeros(2))
-        after = WORLD.step(state, scenario, Push(sent.force, sent.offset_rate), TICK)
+        after = WORLD.step(state, scenario, pushing(sent.force, sent.offset_rate), 0.0, TICK)
         return after, clearance(scenario, after)
 
     last, gaps = jax.lax.scan(tick, state, None, length=200)

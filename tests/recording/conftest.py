@@ -32,7 +32,7 @@ DATA = {
 def _made_up():
     scenario = build(parse_scenario(DATA))
     config, key = PlannerConfig(), jax.random.key(0)
-    world = closed_loop.WORLDS["planar"]
+    world = closed_loop.load_world("planar", None, False)
     shapes = jax.eval_shape(lambda s: closed_loop.episode(s, config, key, world, TICKS, True), scenario)
     result = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
     time = 0.02 * np.arange(TICKS)

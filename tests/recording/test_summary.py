@@ -11,7 +11,7 @@ from jaxlocomanip.recording import summary
 
 def outcome(**changes):
     values = dict.fromkeys(Outcome.__dataclass_fields__, np.float32(0.1))
-    flags = {"reached": np.bool_(True), "collided": np.bool_(False)}
+    flags = {"reached": np.bool_(True), "collided": np.bool_(False), "fell": np.bool_(False)}
     counts = {"ticks": np.int32(200), "nonfinite": np.int32(0), "converged": np.int32(150)}
     psi = np.array([8.0, 1.0, 0.8, -0.4, 30.0, 3.0], np.float32)
     return Outcome(**(values | flags | counts | {"estimates": psi} | changes))
@@ -70,6 +70,7 @@ def test_estimates_by_name():
         ({"reach_time_s": np.float32(15.4)}, "reached at 15.4 s"),
         ({"reached": np.bool_(False)}, "not reached (0.100 m and 0.100 rad off)"),
         ({"collided": np.bool_(True)}, "reached at 0.1 s, collided"),
+        ({"fell": np.bool_(True)}, "reached at 0.1 s, a robot fell"),
         ({"nonfinite": np.int32(1)}, "reached at 0.1 s, met non-finite numbers"),
     ],
 )

@@ -13,7 +13,7 @@ from jaxlocomanip.worlds.interface import Push
 from jaxlocomanip.worlds.planar import PlanarState, PlanarWorld
 
 WORLD, TICK = PlanarWorld(), 0.02
-step = jax.jit(lambda world, *args: world.step(*args, TICK))
+step = jax.jit(lambda world, *args: world.step(*args, 0.0, TICK))
 TRUTH = {"mass": 8.0, "friction": 0.4, "com": [0.03, -0.02]}
 
 
@@ -24,7 +24,7 @@ def scenario(make_scenario):
 
 
 def push(force=(0.0, 0.0), rate=(0.0, 0.0)):
-    return Push(jnp.asarray(force, float), jnp.asarray(rate, float))
+    return Push(jnp.asarray(force, float), jnp.asarray(rate, float), jnp.zeros(3), jnp.zeros((), bool))
 
 
 def test_starts_at_rest_in_contact(scenario):
