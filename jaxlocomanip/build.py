@@ -31,7 +31,7 @@ def build(spec: ScenarioSpec, index: int = 0) -> Scenario:
 
     Raises:
       InputError: values that are fine alone but not together: a contact offset off its face, two robots in each
-        other's way, an obstacle overlapping the start, an inertia that no body of that mass and centre can have.
+        other's way, an obstacle overlapping the start or the goal, an inertia that no body of that mass and centre can have.
     """
     polygon = np.array(spec.object.footprint)
     scenario = Scenario(
@@ -51,6 +51,7 @@ def build(spec: ScenarioSpec, index: int = 0) -> Scenario:
         index=jnp.asarray(index, jnp.int32),
     )
     _refuse_overlaps(spec, scenario)
+    _refuse_blocked_goal(spec, scenario)
     return scenario
 
 
@@ -278,6 +279,20 @@ def _refuse_overlaps(spec: ScenarioSpec, scenario: Scenario) -> None:
                     f"obstacles[{k}].position = {list(spec.obstacles[k].position)}: overlaps {name} at the start by "
                     f"{-distance:.3f} m (must be clear of it)"
                 )
+
+
+def _refuse_blocked_goal(spec: ScenarioSpec, scenario: Scenario) -> None:
+    """Refuse a goal that a standing obstacle leaves no room for, whatever the tolerance."""
+    obstacles = scenario.obstacles
+    body = transform(scenario.goal.pose, scenario.object.vertices)
+    for k in range(len(spec.obstacles)):
+        shape = obstacles.vertices[k] + obstacles.position[k]
+        overlap = -float(_distance(body, shape, obstacles.radius[k]))
+        if not bool(obstacles.dynamic[k]) and overlap > spec.goal.position_tolerance:
+            raise InputError(
+                f"goal.pose = {list(spec.goal.pose)}: obstacles[{k}] overlaps the object there by {overlap:.3f} m "
+                f"(at most goal.position_tolerance = {spec.goal.position_tolerance:g} m)"
+            )
 
 
 @jax.jit

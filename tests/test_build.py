@@ -137,6 +137,10 @@ def test_scenarios_of_different_layouts_stack():
             "obstacles[0].position = [-0.6, 0.0]: overlaps robots[0] at the start",
         ),
         (
+            {"goal": {"pose": [3.0, 3.0, 0.0]}, "obstacles": [{"shape": "circle", "radius": 0.3, "position": [3, 3.2]}]},
+            "goal.pose = [3.0, 3.0, 0.0]: obstacles[0] overlaps the object there by 0.300 m (at most",
+        ),
+        (
             {"object": {"size": [0.5, 0.4], "mass": 6.0, "com": [0.2, 0.0], "inertia": 0.2}},
             "object.inertia = 0.2: must be > mass |com|^2 = 0.24",
         ),
@@ -145,7 +149,7 @@ def test_scenarios_of_different_layouts_stack():
             "truth.inertia = 0.01: must be > mass |com|^2 = 0.06",
         ),
     ],
-    ids=["offset", "robots", "object", "robot", "inertia", "true inertia"],
+    ids=["offset", "robots", "object", "robot", "goal", "inertia", "true inertia"],
 )
 def test_what_does_not_fit_together_is_refused(groups, expected):
     assert refusal(**groups).startswith(expected)

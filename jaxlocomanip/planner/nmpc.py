@@ -151,6 +151,8 @@ def tick(
     progress = reference.advance(
         state.progress, state.path, estimate.pose, task.goal.pose, tolerance, horizon.tick, config.reference
     )
+    # The reference waits for the robots: a lead built up while nobody can push would be caught up with in a jerk.
+    progress = select(jnp.any(measured.contact), progress, state.progress)
     times = horizon.dt * jnp.arange(horizon.steps + 1, dtype=measured.pose.dtype)
     targets = reference.targets(progress, state.path, times, config.reference)
     warm = shift(state.solver, horizon.tick / horizon.dt)
