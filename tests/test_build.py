@@ -137,7 +137,10 @@ def test_scenarios_of_different_layouts_stack():
             "obstacles[0].position = [-0.6, 0.0]: overlaps robots[0] at the start",
         ),
         (
-            {"goal": {"pose": [3.0, 3.0, 0.0]}, "obstacles": [{"shape": "circle", "radius": 0.3, "position": [3, 3.2]}]},
+            {
+                "goal": {"pose": [3.0, 3.0, 0.0]},
+                "obstacles": [{"shape": "circle", "radius": 0.3, "position": [3.0, 3.2]}],
+            },
             "goal.pose = [3.0, 3.0, 0.0]: obstacles[0] overlaps the object there by 0.300 m (at most",
         ),
         (
