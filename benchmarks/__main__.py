@@ -18,7 +18,7 @@ from typing import Any
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.files import prepare_directory, write_whole
 
-SECTIONS = ("latency", "episode", "batch")
+SECTIONS = ("latency", "episode", "batch", "physics")
 """What can be measured, in the order in which it is."""
 
 
@@ -58,6 +58,7 @@ def measure(sections: Sequence[str], quick: bool) -> dict[str, Any]:
         "latency": lambda: latency.measure(calls=200 if quick else 500),
         "episode": episode.measure,
         "batch": lambda: batch.measure(lanes, repeats=1 if quick else 3),
+        "physics": lambda: _physics(repeats=1 if quick else 3),
     }
     measured: dict[str, Any] = {"environment": environment.describe(), "quick": quick}
     for name in SECTIONS:
@@ -66,6 +67,12 @@ def measure(sections: Sequence[str], quick: bool) -> dict[str, Any]:
             measured[name] = run[name]()
     measured["environment"]["load_after"] = environment.load()
     return measured
+
+
+def _physics(repeats: int) -> dict[str, Any]:
+    from benchmarks import physics  # the only section that needs the extra `sim`
+
+    return physics.measure(repeats)
 
 
 def _parser() -> argparse.ArgumentParser:

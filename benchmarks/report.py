@@ -76,6 +76,20 @@ def _rows(measured: Mapping[str, Any]) -> Iterator[Row]:
         lanes = f"{record['lanes']} lane" + ("s" if record["lanes"] > 1 else "")
         yield Row(f"batch of {lanes}: throughput", f"{record['speed']:.1f} scenario-s per wall s", True)
         yield Row(f"batch of {lanes}: compile", f"{record['compile_s']:.1f} s", False)
+    if "physics" in measured:
+        yield from _physics_rows(measured["physics"])
+
+
+def _physics_rows(physics: Mapping[str, Any]) -> Iterator[Row]:
+    c, cold, cached = physics["c"], physics["cold"], physics["cached"]
+    yield Row("physics, MuJoCo C: throughput", f"{c['steps_per_s']:.0f} steps per wall s, one core", True)
+    yield Row(f"physics, MuJoCo C: {c['held']} steps and an observation", f"{c['period_us']:.0f} us", False)
+    for record in physics["mjx"]:
+        lanes = f"{record['lanes']} lane" + ("s" if record["lanes"] > 1 else "")
+        yield Row(f"physics, MJX, {lanes}: throughput", f"{record['steps_per_s']:.0f} lane-steps per wall s", True)
+    what = f"physics, MJX, {cold['lanes']} lanes: compile"
+    yield Row(f"{what}, cold", f"{cold['compile_s']:.1f} s", False)
+    yield Row(f"{what}, compiled before", f"{cached['compile_s']:.1f} s", False)
 
 
 def _spread(times: Mapping[str, float]) -> str:

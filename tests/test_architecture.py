@@ -9,7 +9,17 @@ PACKAGE = Path(__file__).parents[1] / "jaxlocomanip"
 NAME = PACKAGE.name
 FILES = sorted(PACKAGE.rglob("*.py"))
 VIEWERS = {"mujoco", "rerun", "matplotlib"}
-OUTSIDE_CORE = ("worlds.scene", "worlds.quadruped", "recording", "cli")
+OUTSIDE_CORE = (
+    "worlds.scene",
+    "worlds.scene_robots",
+    "worlds.scene_shapes",
+    "worlds.physics_c",
+    "worlds.physics_mjx",
+    "worlds.quadruped",
+    "worlds.legged",
+    "recording",
+    "cli",
+)
 
 every_file = pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
 
