@@ -31,7 +31,8 @@ def build(spec: ScenarioSpec, index: int = 0) -> Scenario:
 
     Raises:
       InputError: values that are fine alone but not together: a contact offset off its face, two robots in each
-        other's way, an obstacle overlapping the start or the goal, an inertia that no body of that mass and centre can have.
+        other's way, an obstacle overlapping the start or the goal, an inertia that no body of that mass and centre can
+        have.
     """
     polygon = np.array(spec.object.footprint)
     scenario = Scenario(

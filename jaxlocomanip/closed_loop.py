@@ -46,7 +46,7 @@ class Result:
 def simulate(
     scenarios: Scenario,
     config: PlannerConfig | None = None,
-    world: str = "planar",
+    world: str | World = "planar",
     *,
     backend: str | None = None,
     seed: int = 0,
@@ -57,7 +57,7 @@ def simulate(
     Args:
       scenarios: one scenario, or a batch with a leading axis (`scenario.stack`).
       config: planner settings; the `robust` preset by default.
-      world: name in `WORLDS`.
+      world: name in `WORLDS`, or a world of one's own (`worlds.interface.World`).
       backend: of the quadruped world, one of `BACKENDS`; by default `c` for one scenario and `mjx` for a batch.
       seed: of measurement noise; each lane folds in its own index.
       record: keep trajectories. Without, memory does not grow with the duration.
@@ -74,7 +74,7 @@ def simulate(
 def compiled(
     scenarios: Scenario,
     config: PlannerConfig | None = None,
-    world: str = "planar",
+    world: str | World = "planar",
     *,
     backend: str | None = None,
     record: bool = True,
@@ -82,7 +82,8 @@ def compiled(
     """`simulate` with its compilation done: a function seed -> Result. The compilation is shared by equal shapes."""
     settings = PlannerConfig() if config is None else config
     batched = np.ndim(scenarios.duration) == 1
-    behind = load_world(world, backend, batched).prepare(scenarios)
+    chosen = load_world(world, backend, batched) if isinstance(world, str) else world
+    behind = chosen.prepare(scenarios)
     ticks = math.ceil(float(np.max(np.asarray(scenarios.duration))) / settings.horizon.tick - 1e-6)
     if not getattr(behind, "traceable", True):
         from jaxlocomanip.hosted import compiled_on_host

@@ -57,7 +57,7 @@ def _run(scenario: Scenario, config: PlannerConfig, world: World, key: Array, ti
         rows.append(decision.row)
         # A lane that has ended (a fall, non-finite numbers) keeps its last state; its log goes on to the end.
         if moves:
-            state = world.step(state, scenario, decision.push, np.float32(k * period), period)
+            state = world.step(state, scenario, decision.push, k * period, period)
             after = world.view(state, scenario)
         else:
             after = view

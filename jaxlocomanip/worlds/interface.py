@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 from jax import Array
 
-from jaxlocomanip.numerics import pytree
+from jaxlocomanip.numerics import Floats, pytree
 from jaxlocomanip.scenario import Scenario
 
 
@@ -75,7 +75,7 @@ class World(Protocol):
         """State at t = 0."""
         ...
 
-    def step(self, state: Any, scenario: Scenario, push: Push, time: Array, tick: float) -> Any:
+    def step(self, state: Any, scenario: Scenario, push: Push, time: Floats, tick: float) -> Any:
         """State one tick after `time`, the push held."""
         ...
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxlocomanip.numerics import pytree, static
+from jaxlocomanip.numerics import Floats, pytree, static
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.geometry import perpendicular, rotate
 from jaxlocomanip.scenario import Scenario
@@ -54,7 +54,7 @@ class PlanarWorld:
         still = jnp.zeros_like(scenario.start)
         return PlanarState(scenario.start, still, scenario.team.offset, jnp.zeros_like(scenario.team.offset))
 
-    def step(self, state: PlanarState, scenario: Scenario, push: Push, time: Array, tick: float) -> PlanarState:
+    def step(self, state: PlanarState, scenario: Scenario, push: Push, time: Floats, tick: float) -> PlanarState:
         """One tick of physics."""
         del time
         h = tick / self.substeps

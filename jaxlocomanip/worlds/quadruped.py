@@ -6,8 +6,11 @@ physics is MuJoCo's: stepped in C for one scenario, or by MJX inside the compile
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -21,7 +24,7 @@ from jaxlocomanip.locomotion.algebra import yaw_of
 from jaxlocomanip.locomotion.controller import ControllerState
 from jaxlocomanip.locomotion.robot import JointCommand, LeggedRobot
 from jaxlocomanip.locomotion.settings import LocomotionSettings, settings_for
-from jaxlocomanip.numerics import pytree, static
+from jaxlocomanip.numerics import Floats, pytree, static
 from jaxlocomanip.robots.model import ROBOT_TYPES
 from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.worlds import contact, physics_mjx
@@ -30,7 +33,7 @@ from jaxlocomanip.worlds.interface import Bodies, Push, View, World
 from jaxlocomanip.worlds.legged import read_robot
 from jaxlocomanip.worlds.physics import Observation, PhysicsState
 from jaxlocomanip.worlds.physics_c import CPhysics
-from jaxlocomanip.worlds.scene import TIMESTEP, build_scene
+from jaxlocomanip.worlds.scene import TIMESTEP, Scene, build_scene
 
 HOLD = 5
 """physics steps at most for which a joint command is held"""
@@ -127,27 +130,34 @@ class MjxWorld:
     physics: Any = None
     robots: Robots | None = None
     timestep: float = static(TIMESTEP)
+    """s, of the physics"""
+    mjcfs: tuple[str, ...] | None = static(None)
+    """[N_r] files of the robots' models, instead of the packaged ones of the team's types"""
 
     def prepare(self, scenarios: Scenario) -> MjxWorld:
         """With the models of one scenario or a batch of them."""
         if np.ndim(scenarios.duration) == 0:
-            scene = build_scene(scenarios, scenery=False, timestep=self.timestep)
-            return MjxWorld(physics_mjx.load_model(scene), load_robots(scenarios), self.timestep)
+            physics, robots = physics_mjx.load_model(self._scene(scenarios)), load_robots(scenarios, self.mjcfs)
+            return dataclasses.replace(self, physics=physics, robots=robots)
         lanes = [jax.tree.map(lambda leaf, i=i: leaf[i], scenarios) for i in range(len(scenarios.duration))]
-        models = physics_mjx.stack_models([build_scene(s, scenery=False, timestep=self.timestep) for s in lanes])
-        robots = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[load_robots(s) for s in lanes])
-        return MjxWorld(models, robots, self.timestep)
+        physics = physics_mjx.stack_models([self._scene(s) for s in lanes])
+        robots = load_robots(lanes[0], self.mjcfs)
+        robots = jax.tree.map(lambda leaf: jnp.stack([leaf] * len(lanes)), robots)
+        return dataclasses.replace(self, physics=physics, robots=robots)
+
+    def _scene(self, scenario: Scenario) -> Scene:
+        return build_scene(scenario, robots=self.mjcfs, scenery=False, timestep=self.timestep)
 
     def start(self, scenario: Scenario) -> QuadrupedState:
         """Standing before the faces."""
         physics = self.physics.start()
         return begin(physics, self.physics.observe(physics), scenario, self._robots)
 
-    def step(self, state: QuadrupedState, scenario: Scenario, push: Push, time: Array, tick: float) -> QuadrupedState:
+    def step(self, state: QuadrupedState, scenario: Scenario, push: Push, time: Floats, tick: float) -> QuadrupedState:
         """One tick: some joint commands, each held for some physics steps."""
         updates, hold, every = rates(tick, self.timestep)
         period = hold * self.timestep
-        first = jnp.rint(time / period).astype(jnp.int32)
+        first = jnp.rint(jnp.asarray(time) / period).astype(jnp.int32)
 
         def update(now: QuadrupedState, k: Array) -> tuple[QuadrupedState, None]:
             solve = (first + k) % every == 0
@@ -172,14 +182,14 @@ class CWorld:
 
     traceable = False
 
-    def __init__(self, timestep: float = TIMESTEP) -> None:
-        self.timestep = timestep
+    def __init__(self, timestep: float = TIMESTEP, mjcfs: tuple[str, ...] | None = None) -> None:
+        self.timestep, self.mjcfs = timestep, mjcfs
 
     def prepare(self, scenarios: Scenario) -> CWorld:
         """With the model of the scenario."""
-        world = CWorld(self.timestep)
-        world.physics = CPhysics(build_scene(scenarios, timestep=self.timestep))
-        world.robots = jax.device_put(load_robots(scenarios))
+        world = CWorld(self.timestep, self.mjcfs)
+        world.physics = CPhysics(build_scene(scenarios, robots=self.mjcfs, timestep=self.timestep))
+        world.robots = jax.device_put(load_robots(scenarios, self.mjcfs))
         return world
 
     physics: CPhysics
@@ -190,7 +200,7 @@ class CWorld:
         physics = self.physics.start()
         return _begin(physics, self.physics.observe(physics), scenario, self.robots)
 
-    def step(self, state: QuadrupedState, scenario: Scenario, push: Push, time: Array, tick: float) -> QuadrupedState:
+    def step(self, state: QuadrupedState, scenario: Scenario, push: Push, time: Floats, tick: float) -> QuadrupedState:
         """One tick: some joint commands, each held for some physics steps."""
         updates, hold, every = rates(tick, self.timestep)
         period = hold * self.timestep
@@ -213,14 +223,21 @@ _view = jax.jit(view_of)
 _drive = partial(jax.jit, static_argnames=("period",))(drive)
 
 
-def load_robots(scenario: Scenario) -> Robots:
-    """Parameters and gains of the robots of one scenario's team."""
-    names = [ROBOT_TYPES[int(kind)] for kind in np.asarray(scenario.team.kind)]
+def load_robots(scenario: Scenario, mjcfs: Sequence[str] | None = None) -> Robots:
+    """Parameters and gains of the robots of one scenario's team, from their types or from files."""
+    names = [ROBOT_TYPES[int(kind)] for kind in np.asarray(scenario.team.kind)] if mjcfs is None else list(mjcfs)
     legged = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[read_robot(name) for name in names])
     settings = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[settings_for(name) for name in names])
     return Robots(legged, settings, ContactSettings())
 
 
-def world(backend: str) -> World:
-    """The quadruped world on a physics engine: `c` or `mjx`."""
-    return MjxWorld() if backend == "mjx" else CWorld()
+def world(backend: str, mjcfs: Sequence[str | Path] | None = None) -> World:
+    """The quadruped world on a physics engine.
+
+    Args:
+      backend: `c` or `mjx`.
+      mjcfs: model file of each robot, with the names of the packaged ones (`worlds.legged.read_robot`), instead of the
+        models of the team's types; the planner goes on with the sizes and limits of the types.
+    """
+    files = None if mjcfs is None else tuple(str(path) for path in mjcfs)
+    return MjxWorld(mjcfs=files) if backend == "mjx" else CWorld(mjcfs=files)
