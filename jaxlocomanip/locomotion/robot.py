@@ -51,6 +51,14 @@ class LeggedRobot:
     """[3] m, centre of the pusher's sphere from the trunk's origin, body axes"""
     pusher_radius: Array
     """[] m"""
+    link_mass: Array
+    """[4, 3] kg, hip, thigh and calf of each leg"""
+    link_com: Array
+    """[4, 3, 3] m, their centres of mass from their joints, in their own axes"""
+    leg_inertia: Array
+    """[4, 3, 3] kg m^2, joint-space inertia of each leg at the stand pose, motors included, trunk held"""
+    joint_damping: Array
+    """[4, 3] N m s/rad"""
 
 
 @pytree
