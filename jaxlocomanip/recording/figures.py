@@ -16,12 +16,14 @@ from jaxlocomanip.outcome import CLEAR, Outcome
 from jaxlocomanip.planar.regressor import FRICTION, MASS
 from jaxlocomanip.recording import palette
 from jaxlocomanip.recording.history import (
+    STRIDE,
     History,
     as_numpy,
     finite_clearance,
     goal_errors,
     history,
     robot_names,
+    stride_mean,
 )
 from jaxlocomanip.recording.palette import unit
 from jaxlocomanip.scenario import Scenario
@@ -123,15 +125,34 @@ def _frame(axes: Axes, episode: History, outcome: Outcome, last: bool) -> None:
 
 def _forces(axes: Axes, episode: History) -> None:
     scenario, log = episode
+    walking = log.view.bodies is not None
     for i, name in enumerate(robot_names(scenario)):
         color = unit(palette.robot_color(i))
-        axes.plot(log.time, log.command.force[:, i], color=color, lw=0.7, alpha=0.55)
-        axes.plot(log.time, log.view.force[:, i], color=color, label=name)
+        if walking:
+            _measured_force(axes, episode, i, name)
+        else:
+            axes.plot(log.time, log.command.force[:, i], color=color, lw=0.7, alpha=0.55)
+            axes.plot(log.time, log.view.force[:, i], color=color, label=name)
         axes.axhline(float(scenario.team.force_max[i]), color=color, lw=0.9, ls="--")
-    axes.plot([], [], color="0.4", lw=0.7, alpha=0.7, label="commanded")
+    if walking:
+        axes.plot([], [], color="0.4", lw=0.5, label="measured")
+        axes.plot([], [], color="0.4", lw=1.8, label=f"its {STRIDE:g} s mean")
+        axes.plot([], [], color="0.2", lw=1.0, label="commanded")
+    else:
+        axes.plot([], [], color="0.4", lw=0.7, alpha=0.7, label="commanded")
     axes.plot([], [], **_LIMIT, label=r"$F_{\max}$")
     axes.set_ylim(top=1.08 * float(max(np.max(log.view.force), np.max(scenario.team.force_max))))
     axes.set_ylabel("push force\n[N]")
+
+
+def _measured_force(axes: Axes, episode: History, i: int, name: str) -> None:
+    """What a walking robot exerts: its footfalls faintly, and the mean over a stride beside what was asked for."""
+    log = episode.log
+    color = unit(palette.robot_color(i))
+    dark = tuple(0.5 * part for part in color)
+    axes.plot(log.time, log.view.force[:, i], color=color, lw=0.5, alpha=0.35, zorder=1.5)
+    axes.plot(log.time, stride_mean(log.view.force[:, i], log.time), color=color, lw=1.8, label=name)
+    axes.plot(log.time, log.command.force[:, i], color=dark, lw=1.0, zorder=2.5)
 
 
 def _offsets(axes: Axes, episode: History) -> None:

@@ -44,6 +44,11 @@ def moved(mesh: Mesh, rotation: Floats, translation: ArrayLike) -> Mesh:
     )
 
 
+def painted(mesh: Mesh, color: RGB) -> Mesh:
+    """A mesh all in one colour."""
+    return mesh._replace(colors=paint(len(mesh.vertices), color))
+
+
 def prism(outline: Floats, bottom: float, top: float, color: RGB) -> Mesh:
     """A convex polygon [V, 2] m, counter-clockwise, extruded from height `bottom` to `top`, m; flat faces."""
     ring = np.asarray(outline, dtype=float)
@@ -63,7 +68,7 @@ def prism(outline: Floats, bottom: float, top: float, color: RGB) -> Mesh:
     quads = (4 * np.arange(count)[:, None] + np.array([0, 1, 2, 0, 2, 3])).reshape(-1, 3)
     fan = np.stack([np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)], axis=1)
     triangles = np.concatenate([quads, 4 * count + fan, 5 * count + fan[:, ::-1]])
-    return Mesh(vertices, normals, triangles, _paint(len(vertices), color))
+    return Mesh(vertices, normals, triangles, paint(len(vertices), color))
 
 
 def box(center: ArrayLike, half: ArrayLike, color: RGB) -> Mesh:
@@ -132,7 +137,7 @@ def _revolve(profile: Floats, sides: int, color: RGB) -> Mesh:
     i, j = np.meshgrid(np.arange(sides), np.arange(count - 1), indexing="ij")
     a = (i * count + j).reshape(-1)
     triangles = np.concatenate([np.stack([a, a + count, a + 1], 1), np.stack([a + 1, a + count, a + count + 1], 1)])
-    return Mesh(vertices, normals, triangles, _paint(len(vertices), color))
+    return Mesh(vertices, normals, triangles, paint(len(vertices), color))
 
 
 def _standing(mesh: Mesh, start: ArrayLike, end: ArrayLike) -> Mesh:
@@ -145,5 +150,6 @@ def _standing(mesh: Mesh, start: ArrayLike, end: ArrayLike) -> Mesh:
     return moved(mesh, np.stack([x, np.cross(z, x), z], axis=1), start)
 
 
-def _paint(count: int, color: RGB) -> NDArray[np.uint8]:
+def paint(count: int, color: RGB) -> NDArray[np.uint8]:
+    """[n, 3] one colour for all of n vertices."""
     return np.tile(np.array(color, dtype=np.uint8), (count, 1))

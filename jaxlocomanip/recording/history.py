@@ -22,6 +22,10 @@ def as_numpy(tree: Any) -> Any:
     return jax.tree.map(np.asarray, tree)
 
 
+STRIDE = 0.5
+"""s, one stride of a trot; what is averaged over it no longer shows the footfalls"""
+
+
 class History(NamedTuple):
     """One episode with NumPy leaves, without the frozen rows after the scenario's duration."""
 
@@ -84,6 +88,23 @@ def goal_errors(scenario: Scenario, pose: Floats) -> tuple[Floats, Floats]:
     """Distance [T] m and absolute heading error [T] rad of object poses [T, 3] to the goal."""
     off = pose - scenario.goal.pose
     return np.hypot(off[:, 0], off[:, 1]), np.abs((off[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def stride_mean(values: Floats, time: Floats) -> Floats:
+    """Values [T, ...] at times [T] s, evenly spaced, averaged over a `STRIDE` about each of them."""
+    count = len(time)
+    half = round(0.5 * STRIDE / float(time[1] - time[0])) if count > 1 else 0
+    total = np.concatenate([np.zeros_like(values[:1], dtype=float), np.cumsum(values, axis=0, dtype=float)])
+    rows = np.arange(count)
+    first, end = np.maximum(rows - half, 0), np.minimum(rows + half + 1, count)
+    return (total[end] - total[first]) / (end - first).reshape(-1, *[1] * (values.ndim - 1))
+
+
+def rotated(quaternion: Floats, vector: Floats) -> Floats:
+    """Vectors [..., 3] turned by unit quaternions [..., 4], w, x, y, z."""
+    scalar, axis = quaternion[..., :1], quaternion[..., 1:]
+    across = np.cross(axis, vector)
+    return vector + 2.0 * (scalar * across + np.cross(axis, across))
 
 
 def scene_points(episode: History) -> Floats:

@@ -21,10 +21,15 @@ GOAL: RGB = (38, 158, 76)
 TRAIL: RGB = (122, 84, 36)
 PLAN: RGB = (214, 39, 150)
 PATH: RGB = (84, 96, 112)
+COMMAND: RGB = PLAN
+"""what the planner asks for is drawn like what it plans"""
+FOOT_FORCE: RGB = (250, 190, 20)
 REFERENCE: RGB = (150, 110, 255)
 TRUTH: RGB = (60, 66, 74)
 GROUND: RGB = (226, 229, 233)
 INK: RGB = (38, 42, 48)
+DARK: RGB = (44, 48, 55)
+"""parts of robots that do not bear their colour"""
 
 
 def robot_color(index: int) -> RGB:

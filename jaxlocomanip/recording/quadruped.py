@@ -1,4 +1,4 @@
-"""The shape of a standing quadruped: the geoms of its packaged MJCF at the stand keyframe, as one mesh.
+"""The shape of a quadruped: the geoms of its packaged MJCF, body by body or standing as one mesh.
 
 Only the XML is read, so a recording needs no physics engine.
 """
@@ -7,21 +7,74 @@ from __future__ import annotations
 
 import importlib.resources
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxlocomanip.locomotion.robot import LEGS
 from jaxlocomanip.recording import geometry
 from jaxlocomanip.recording.geometry import Mesh
-from jaxlocomanip.recording.palette import RGB
+from jaxlocomanip.recording.palette import DARK, RGB
 from jaxlocomanip.robots.model import load_robot
 
 Floats = NDArray[np.floating[Any]]
 
-_PAINT: dict[str, RGB] = {"dark": (44, 48, 55), "accent": (245, 246, 248), "rubber": (24, 25, 28)}
+_PAINT: dict[str, RGB] = {"dark": DARK, "accent": (245, 246, 248), "rubber": (24, 25, 28)}
 """Colours of the parts by material; the shell takes the robot's own colour."""
+
+
+class Part(NamedTuple):
+    """One body of a robot."""
+
+    name: str
+    mesh: Mesh
+    """in the body's own frame"""
+    rotation: Floats
+    """[3, 3] of the body at the stand keyframe"""
+    origin: Floats
+    """[3] m, of the body at the stand keyframe"""
+
+
+class Feet(NamedTuple):
+    """Where the feet are, in the order of the legs."""
+
+    body: NDArray[np.integer[Any]]
+    """[4] which of the robot's bodies each of them belongs to"""
+    center: Floats
+    """[4, 3] m, in the frame of that body"""
+    radius: Floats
+    """[4] m"""
+
+
+def parts(name: str, color: RGB) -> list[Part]:
+    """A robot's bodies in the order of its MJCF, which is that of a world's bodies.
+
+    Args:
+      name: robot type, one of `robots.model.ROBOT_TYPES`.
+      color: colour of the shell.
+    """
+    return [
+        Part(body.attrib["name"], geometry.join([_solid(g, color) for g in body.findall("geom")]), rotation, origin)
+        for body, rotation, origin in _placed_bodies(_read(name))
+    ]
+
+
+def feet(name: str) -> Feet:
+    """The feet of a robot type."""
+    found: dict[str, tuple[int, Floats, float]] = {}
+    for index, (body, _, _) in enumerate(_placed_bodies(_read(name))):
+        for geom in body.findall("geom[@name]"):
+            center, size = _numbers(geom.get("pos", "0 0 0")), _numbers(geom.attrib["size"])
+            found[geom.attrib["name"]] = index, center, float(size[0])
+    body, center, radius = zip(*[found[f"{leg}_foot"] for leg in LEGS], strict=True)
+    return Feet(np.array(body), np.stack(center), np.array(radius))
+
+
+def stand_height(name: str) -> float:
+    """Height of the trunk's origin, m, of a standing robot."""
+    return float(next(_placed_bodies(_read(name)))[2][2])
 
 
 def quadruped(name: str, color: RGB) -> Mesh:
@@ -35,16 +88,19 @@ def quadruped(name: str, color: RGB) -> Mesh:
       Mesh in the frame of the robot's rectangle: origin on the ground under its centre, x along the heading,
       z up, m.
     """
-    path = importlib.resources.files("jaxlocomanip.robots").joinpath(f"{name}.xml")
-    root = ElementTree.fromstring(path.read_text(encoding="utf-8"))
-    parts = [geometry.moved(_part(geom, color), R, p) for geom, R, p in _placed_geoms(root)]
+    whole = geometry.join([geometry.moved(part.mesh, part.rotation, part.origin) for part in parts(name, color)])
     model = load_robot(name)
     # The keyframe's trunk is above the origin and lies `trunk_offset` behind the contact point.
-    return geometry.moved(geometry.join(parts), np.eye(3), [model.reach - model.trunk_offset, 0.0, 0.0])
+    return geometry.moved(whole, np.eye(3), [model.reach - model.trunk_offset, 0.0, 0.0])
 
 
-def _placed_geoms(root: ElementTree.Element) -> Iterator[tuple[ElementTree.Element, Floats, Floats]]:
-    """Every geom with the rotation [3, 3] and the origin [3] m of its body at the stand keyframe."""
+def _read(name: str) -> ElementTree.Element:
+    path = importlib.resources.files("jaxlocomanip.robots").joinpath(f"{name}.xml")
+    return ElementTree.fromstring(path.read_text(encoding="utf-8"))
+
+
+def _placed_bodies(root: ElementTree.Element) -> Iterator[tuple[ElementTree.Element, Floats, Floats]]:
+    """Every body with its rotation [3, 3] and its origin [3] m at the stand keyframe, in document order."""
     trunk, key = root.find("worldbody/body[@name='trunk']"), root.find("keyframe/key[@name='stand']")
     assert trunk is not None and key is not None, "every packaged robot has a trunk and a stand keyframe"
     qpos = _numbers(key.attrib["qpos"])
@@ -58,15 +114,14 @@ def _placed_geoms(root: ElementTree.Element) -> Iterator[tuple[ElementTree.Eleme
     ) -> Iterator[tuple[ElementTree.Element, Floats, Floats]]:
         for joint in body.findall("joint"):
             rotation = rotation @ _turn(axes[joint.attrib["class"]], next(angles))
-        for geom in body.findall("geom"):
-            yield geom, rotation, origin
+        yield body, rotation, origin
         for child in body.findall("body"):
             yield from walk(child, rotation, origin + rotation @ _numbers(child.get("pos", "0 0 0")))
 
     yield from walk(trunk, np.eye(3), qpos[:3])
 
 
-def _part(geom: ElementTree.Element, color: RGB) -> Mesh:
+def _solid(geom: ElementTree.Element, color: RGB) -> Mesh:
     """A geom in the frame of its body."""
     size = _numbers(geom.attrib["size"])
     material = geom.get("material", "rubber").rpartition("_")[2]

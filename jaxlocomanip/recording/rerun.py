@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +12,8 @@ from numpy.typing import NDArray
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.closed_loop import Log
 from jaxlocomanip.files import write_whole
-from jaxlocomanip.recording import geometry, palette
-from jaxlocomanip.recording.geometry import Mesh
+from jaxlocomanip.recording import bodies, geometry, palette
+from jaxlocomanip.recording.entities import closed, lifted, send_columns, send_line, send_mesh, send_poses
 from jaxlocomanip.recording.history import (
     History,
     contact_points,
@@ -25,7 +24,7 @@ from jaxlocomanip.recording.history import (
     to_world,
 )
 from jaxlocomanip.recording.quadruped import quadruped
-from jaxlocomanip.recording.series import Line, plots
+from jaxlocomanip.recording.series import plots
 from jaxlocomanip.robots.model import ROBOT_TYPES
 from jaxlocomanip.scenario import Scenario
 
@@ -60,7 +59,7 @@ def write_recording(path: Path, name: str, scenario: Scenario, log: Log) -> None
         import rerun as rr
     except ImportError as error:
         raise InputError('recordings need Rerun: pip install "jaxlocomanip[view]"') from error
-    from jaxlocomanip.recording.blueprint import layout
+    from jaxlocomanip.recording.blueprint import CloseUp, layout
 
     episode = history(scenario, log)
     recording = rr.RecordingStream("jaxlocomanip", recording_id=str(uuid.uuid4()))
@@ -69,7 +68,10 @@ def write_recording(path: Path, name: str, scenario: Scenario, log: Log) -> None
     curves = plots(episode)
     places = scene_points(episode)
     way = episode.scenario.goal.pose[:2] - episode.scenario.start[:2]
-    recording.send_blueprint(layout(curves, places, way))
+    close_up = None
+    if episode.log.view.bodies is not None:
+        close_up = CloseUp("world/object", *bodies.start_points(episode))
+    recording.send_blueprint(layout(curves, places, way, close_up))
     recording.log("about", rr.TextDocument(_about(name, episode), media_type="text/markdown"), static=True)
     _send_ground(recording, episode, places)
     _send_bodies(recording, episode)
@@ -78,10 +80,18 @@ def write_recording(path: Path, name: str, scenario: Scenario, log: Log) -> None
     _send_intentions(recording, episode)
     for plot in curves:
         for line in plot.lines:
-            _send_line(recording, f"{plot.path}/{line.key}", line, episode.log.time)
+            send_line(recording, f"{plot.path}/{line.key}", line, episode.log.time)
     content = memory.drain_as_bytes()
     recording.disconnect()
     write_whole(Path(path), content)
+
+
+_PUSHES = f"""\
+| arrows in the robots' colours | pushes that act, {FORCE_SCALE:g} m per N |"""
+_BODIES = f"""\
+| arrows over the object in the robots' colours | contact forces measured, {FORCE_SCALE:g} m per N |
+| magenta arrows beside them | contact forces commanded, to the same scale |
+| yellow arrows | forces of the ground on the feet, {bodies.FOOT_SCALE:g} m per N |"""
 
 
 def _about(name: str, episode: History) -> str:
@@ -98,74 +108,12 @@ Team: {team}. Duration: {log.time[-1]:.1f} s. Goal: ({x:.2f} m, {y:.2f} m, {head
 | green outline, arrow, circle | goal footprint, heading and position tolerance |
 | grey bodies | obstacles at rest |
 | red bodies | moving obstacles |
-| arrows in the robots' colours | pushes that act, {FORCE_SCALE:g} m per N |
+{_PUSHES if log.view.bodies is None else _BODIES}
 | slate line | path in force |
 | magenta line | planned motion of the object over the horizon |
 | violet outline | reference pose now |
 | black and magenta dots on the object | centre of mass: truth and estimate |
 """
-
-
-def _columns(recording: RecordingStream, path: str, times: Floats, columns: Iterable[Any]) -> None:
-    import rerun as rr
-
-    from jaxlocomanip.recording.blueprint import TIMELINE
-
-    recording.send_columns(path, indexes=[rr.TimeColumn(TIMELINE, duration=times.astype(float))], columns=columns)
-
-
-def _send_line(recording: RecordingStream, path: str, line: Line, times: Floats) -> None:
-    import rerun as rr
-
-    mode = rr.components.InterpolationMode.StepAfter if line.steps else rr.components.InterpolationMode.Linear
-    # From afar several ticks share a pixel: the mean of two states would be a state that never was.
-    policy = rr.components.AggregationPolicy.MinMax if line.steps else rr.components.AggregationPolicy.Average
-    style = rr.SeriesLines(
-        colors=line.color,
-        widths=line.width,
-        names=line.label,
-        interpolation_mode=mode,
-        aggregation_policy=policy,
-    )
-    recording.log(path, style, static=True)
-    if line.values.ndim == 0:
-        times = times[[0, -1]] if len(times) > 1 else times
-    values = np.broadcast_to(line.values, times.shape).astype(float)
-    _columns(recording, path, times, rr.Scalars.columns(scalars=values))
-
-
-def _send_mesh(recording: RecordingStream, path: str, mesh: Mesh) -> None:
-    import rerun as rr
-
-    archetype = rr.Mesh3D(
-        vertex_positions=mesh.vertices.astype(np.float32),
-        vertex_normals=mesh.normals.astype(np.float32),
-        vertex_colors=mesh.colors,
-        triangle_indices=mesh.triangles.astype(np.uint32),
-    )
-    recording.log(path, archetype, static=True)
-
-
-def _send_poses(recording: RecordingStream, path: str, times: Floats, poses: Floats) -> None:
-    """Move an entity by poses [T, 3]: m, m, rad."""
-    import rerun as rr
-
-    zero = np.zeros(len(poses))
-    half = poses[:, 2] / 2.0
-    translation = np.column_stack([poses[:, :2], zero])
-    quaternion = np.column_stack([zero, zero, np.sin(half), np.cos(half)])
-    _columns(recording, path, times, rr.Transform3D.columns(translation=translation, quaternion=quaternion))
-
-
-def _closed(points: Floats, height: float) -> Floats:
-    """A closed strip [V + 1, 3] through points [V, 2] at a height, m."""
-    ring = np.concatenate([points, points[:1]])
-    return np.column_stack([ring, np.full(len(ring), height)])
-
-
-def _lifted(points: Floats, height: float) -> Floats:
-    """Points [..., 2] in the plane, at a height: [..., 3] m."""
-    return np.concatenate([points[..., :2], np.full((*points.shape[:-1], 1), height)], axis=-1)
 
 
 def _send_ground(recording: RecordingStream, episode: History, places: Floats) -> None:
@@ -174,7 +122,7 @@ def _send_ground(recording: RecordingStream, episode: History, places: Floats) -
     scenario = episode.scenario
     low, high = np.floor(places.min(axis=0)), np.ceil(places.max(axis=0))
     plane = geometry.prism(np.array([low, [high[0], low[1]], high, [low[0], high[1]]]), -0.02, 0.0, palette.GROUND)
-    _send_mesh(recording, "world/ground", plane)
+    send_mesh(recording, "world/ground", plane)
     lines = [[[x, low[1], 0.002], [x, high[1], 0.002]] for x in np.arange(low[0], high[0] + 0.5)]
     lines += [[[low[0], y, 0.002], [high[0], y, 0.002]] for y in np.arange(low[1], high[1] + 0.5)]
     recording.log("world/ground/grid", rr.LineStrips3D(lines, radii=0.004, colors=(196, 201, 208)), static=True)
@@ -182,7 +130,7 @@ def _send_ground(recording: RecordingStream, episode: History, places: Floats) -
     pose, goal = scenario.goal.pose, "world/goal"
     footprint = geometry.outline(scenario.object.vertices, 0.0)
     circle = geometry.outline(np.zeros((1, 2)), float(scenario.goal.position_tolerance)) + pose[:2]
-    strips = [_closed(to_world(pose, footprint), 0.006), _closed(circle, 0.006)]
+    strips = [closed(to_world(pose, footprint), 0.006), closed(circle, 0.006)]
     recording.log(goal, rr.LineStrips3D(strips, radii=[0.015, 0.007], colors=palette.GOAL), static=True)
     length = 0.8 * float(np.max(np.linalg.norm(footprint, axis=1)))
     arrow = rr.Arrows3D(
@@ -201,22 +149,29 @@ def _send_bodies(recording: RecordingStream, episode: History) -> None:
     scenario, log = episode
     height = float(scenario.object.height)
     footprint = geometry.outline(scenario.object.vertices, 0.0)
-    _send_mesh(recording, "world/object", geometry.prism(footprint, 0.0, height, palette.OBJECT))
-    edges = [_closed(footprint, height), _closed(footprint, 0.004)]
+    send_mesh(recording, "world/object", geometry.prism(footprint, 0.0, height, palette.OBJECT))
+    edges = [closed(footprint, height), closed(footprint, 0.004)]
     edges += [np.array([[*p, 0.0], [*p, height]]) for p in footprint]
     recording.log("world/object/edges", rr.LineStrips3D(edges, radii=0.006, colors=palette.TRAIL), static=True)
-    _send_poses(recording, "world/object", log.time, log.view.pose)
+    if log.view.bodies is None:
+        send_poses(recording, "world/object", log.time, log.view.pose)
+    else:
+        bodies.send_object_motion(recording, "world/object", episode)
     top = height + 0.01
     truth = rr.Points3D([*scenario.truth.com, top], radii=0.03, colors=palette.INK)
     recording.log("world/object/com_truth", truth, static=True)
     estimate = "world/object/com_estimate"
     recording.log(estimate, rr.Points3D.from_fields(radii=0.024, colors=palette.PLAN), static=True)
     com = log.parameters[:, 2:4] / log.parameters[:, :1]
-    _columns(recording, estimate, log.time, rr.Points3D.columns(positions=_lifted(com, top + 0.02)))
+    send_columns(recording, estimate, log.time, rr.Points3D.columns(positions=lifted(com, top + 0.02)))
+    if log.view.bodies is not None:
+        bodies.send_robots(recording, episode)
+        bodies.send_labels(recording, episode, OBSTACLE_HEIGHT)
+        return
     for i, name in enumerate(robot_names(scenario)):
         path = f"world/robots/{name}"
-        _send_mesh(recording, path, quadruped(ROBOT_TYPES[int(scenario.team.kind[i])], palette.robot_color(i)))
-        _send_poses(recording, path, log.time, log.view.robots[:, i])
+        send_mesh(recording, path, quadruped(ROBOT_TYPES[int(scenario.team.kind[i])], palette.robot_color(i)))
+        send_poses(recording, path, log.time, log.view.robots[:, i])
 
 
 def _send_obstacles(recording: RecordingStream, episode: History) -> None:
@@ -227,10 +182,10 @@ def _send_obstacles(recording: RecordingStream, episode: History) -> None:
         path = f"world/obstacles/{k}_{'moving' if moving else 'still'}"
         shape = geometry.outline(obstacles.vertices[k], float(obstacles.radius[k]))
         color = palette.MOVING_OBSTACLE if moving else palette.OBSTACLE
-        _send_mesh(recording, path, geometry.prism(shape, 0.0, OBSTACLE_HEIGHT, color))
+        send_mesh(recording, path, geometry.prism(shape, 0.0, OBSTACLE_HEIGHT, color))
         rows = slice(None) if moving else slice(0, 1)
         poses = np.pad(log.obstacles[rows, k], ((0, 0), (0, 1)))
-        _send_poses(recording, path, log.time[rows], poses)
+        send_poses(recording, path, log.time[rows], poses)
 
 
 def _send_forces(recording: RecordingStream, episode: History) -> None:
@@ -238,14 +193,18 @@ def _send_forces(recording: RecordingStream, episode: History) -> None:
     import rerun as rr
 
     scenario, log = episode
+    if log.view.bodies is not None:
+        bodies.send_contact_forces(recording, episode, FORCE_SCALE)
+        bodies.send_foot_forces(recording, episode)
+        return
     height = float(scenario.object.height) + 0.05
-    points = _lifted(contact_points(scenario, log.view.pose, log.view.offset), height)
-    directions = _lifted(push_directions(scenario, log.view.pose), 0.0)
+    points = lifted(contact_points(scenario, log.view.pose, log.view.offset), height)
+    directions = lifted(push_directions(scenario, log.view.pose), 0.0)
     vectors = FORCE_SCALE * log.view.force[..., None] * directions
     for i, name in enumerate(robot_names(scenario)):
         path = f"world/forces/{name}"
         recording.log(path, rr.Arrows3D.from_fields(colors=palette.robot_color(i), radii=0.028), static=True)
-        _columns(recording, path, log.time, rr.Arrows3D.columns(origins=points[:, i], vectors=vectors[:, i]))
+        send_columns(recording, path, log.time, rr.Arrows3D.columns(origins=points[:, i], vectors=vectors[:, i]))
 
 
 def _send_intentions(recording: RecordingStream, episode: History) -> None:
@@ -257,17 +216,17 @@ def _send_intentions(recording: RecordingStream, episode: History) -> None:
 
     def strips(path: str, times: Floats, points: Floats, color: palette.RGB, radius: float) -> None:
         recording.log(path, rr.LineStrips3D.from_fields(colors=color, radii=radius), static=True)
-        _columns(recording, path, times, rr.LineStrips3D.columns(strips=points.astype(np.float32)))
+        send_columns(recording, path, times, rr.LineStrips3D.columns(strips=points.astype(np.float32)))
 
-    strips("world/path", log.path_time, _lifted(log.path, 0.012), palette.PATH, 0.008)
+    strips("world/path", log.path_time, lifted(log.path, 0.012), palette.PATH, 0.008)
     rows = slice(None, None, max(1, round(BULKY_PERIOD / period)))
-    strips("world/plan", log.time[rows], _lifted(log.plan[rows], 0.025), palette.PLAN, 0.014)
+    strips("world/plan", log.time[rows], lifted(log.plan[rows], 0.025), palette.PLAN, 0.014)
     rows = slice(None, None, max(1, round(TRAIL_PERIOD / period)))
-    places = _lifted(log.view.pose[rows], 0.018)
+    places = lifted(log.view.pose[rows], 0.018)
     pieces = np.stack([places[:-1], places[1:]], axis=1)
     if len(pieces) > 0:
         strips("world/trail", log.time[rows][1:], pieces, palette.TRAIL, 0.012)
     footprint = geometry.outline(scenario.object.vertices, 0.0)
-    outline = rr.LineStrips3D([_closed(footprint, 0.02)], radii=0.008, colors=palette.REFERENCE)
+    outline = rr.LineStrips3D([closed(footprint, 0.02)], radii=0.008, colors=palette.REFERENCE)
     recording.log("world/reference", outline, static=True)
-    _send_poses(recording, "world/reference", log.time, log.report.target)
+    send_poses(recording, "world/reference", log.time, log.report.target)

@@ -9,8 +9,19 @@ from numpy.typing import NDArray
 
 from jaxlocomanip.planar.regressor import FRICTION, MASS, TORSION, from_body
 from jaxlocomanip.recording import palette
-from jaxlocomanip.recording.history import History, finite_clearance, goal_errors, psi_com, robot_names
+from jaxlocomanip.recording.history import (
+    STRIDE,
+    History,
+    finite_clearance,
+    goal_errors,
+    psi_com,
+    robot_names,
+    rotated,
+    stride_mean,
+)
 from jaxlocomanip.recording.palette import RGB
+from jaxlocomanip.recording.quadruped import stand_height
+from jaxlocomanip.recording.team import team
 
 Floats = NDArray[np.floating[Any]]
 
@@ -21,6 +32,11 @@ SECOND: RGB = (240, 140, 180)
 THIRD: RGB = (130, 205, 140)
 OBJECT: RGB = palette.OBJECT
 ROBOTS: RGB = (228, 231, 235)
+
+_LEGS: dict[str, RGB] = {"FR": (110, 205, 235), "FL": (240, 140, 180), "RR": (200, 70, 130), "RL": (40, 135, 190)}
+"""In the order of the feet; the two legs of a diagonal, which a trot moves together, have one hue."""
+WINDOW = 2.0
+"""s before and after now in plots of single steps"""
 
 
 class Line(NamedTuple):
@@ -47,11 +63,13 @@ class Plot(NamedTuple):
     lines: list[Line]
     extent: tuple[float, float] | None = None
     """vertical range, where the data should not decide"""
+    window: float | None = None
+    """s before and after now that are shown; everything by default"""
 
 
 def plots(episode: History) -> list[Plot]:
     """Every plot of an episode, in the order of display; curves without a finite value are left out."""
-    every = [*_pushing(episode), *_safety(episode), *_adaptation(episode), *_solver(episode)]
+    every = [*_pushing(episode), *_walking(episode), *_safety(episode), *_adaptation(episode), *_solver(episode)]
     return [p._replace(lines=[line for line in p.lines if np.isfinite(line.values).any()]) for p in every]
 
 
@@ -65,7 +83,7 @@ def _pushing(episode: History) -> list[Plot]:
     forces, offsets = [], []
     for i, name in enumerate(names):
         color = palette.robot_color(i)
-        pale: RGB = tuple(int(0.45 * c + 0.55 * 235) for c in color)  # pyright: ignore[reportAssignmentType]
+        pale = _pale(color)
         forces.append(Line(f"{name}/commanded", f"{name} commanded", log.command.force[:, i], pale, 1.0, True))
         forces.append(Line(f"{name}/exerted", f"{name} exerted", log.view.force[:, i], color))
         offsets.append(Line(name, name, log.view.offset[:, i], color))
@@ -76,10 +94,59 @@ def _pushing(episode: History) -> list[Plot]:
         _still("position_tolerance", "position tolerance, m", scenario.goal.position_tolerance),
         _still("heading_tolerance", "heading tolerance, rad", scenario.goal.heading_tolerance),
     ]
+    bodies = log.view.bodies is not None
+    pushes = _contact_forces(episode) if bodies else [Plot("Pushing", "pushing/force", "Push force, N", forces)]
     return [
-        Plot("Pushing", "pushing/force", "Push force, N", forces),
+        *pushes,
         Plot("Pushing", "pushing/contact_offset", "Contact offset along the face, m", offsets),
         Plot("Pushing", "pushing/goal_error", "Distance to the goal", errors),
+    ]
+
+
+def _pale(color: RGB) -> RGB:
+    red, green, blue = (int(0.45 * c + 0.55 * 235) for c in color)
+    return red, green, blue
+
+
+def _contact_forces(episode: History) -> list[Plot]:
+    """Measured against commanded, a plot for each robot: with footfalls in it, several do not go into one."""
+    scenario, log = episode
+    mean = stride_mean(log.view.force, log.time)
+    found = []
+    for i, name in enumerate(robot_names(scenario)):
+        color = palette.robot_color(i)
+        lines = [
+            Line("measured", "measured", log.view.force[:, i], _pale(color), 0.7),
+            Line("measured_mean", f"measured, mean of {STRIDE:g} s", mean[:, i], color, 2.5),
+            Line("commanded", "commanded", log.command.force[:, i], palette.COMMAND, 2.0, True),
+        ]
+        found.append(Plot("Pushing", f"pushing/force/{name}", f"Contact force of {name}, N", lines))
+    return found
+
+
+def _walking(episode: History) -> list[Plot]:
+    """How the robots stand and step; nothing in a world without bodies."""
+    scenario, log = episode
+    if log.view.bodies is None:
+        return []
+    steps, heights, tilts = [], [], []
+    for i, member in enumerate(team(episode)):
+        vertical = log.view.bodies.foot_force[:, i, :, 2]
+        feet = [Line(leg, leg, vertical[:, k], color, 1.2) for k, (leg, color) in enumerate(_LEGS.items())]
+        title = f"Vertical force on the feet of {member.name}, N"
+        steps.append(Plot("Walking", f"walking/feet/{member.name}", title, feet, window=WINDOW))
+        height = log.view.bodies.position[:, member.first, 2]
+        heights.append(Line(member.name, member.name, height, member.color))
+        upright = rotated(log.view.bodies.quaternion[:, member.first], np.array([0.0, 0.0, 1.0]))[:, 2]
+        tilts.append(Line(member.name, member.name, np.degrees(np.arccos(np.clip(upright, -1.0, 1.0))), member.color))
+    stands = {member.kind: stand_height(member.kind) for member in team(episode)}
+    heights += [_still(f"{kind}_stand", f"{kind}, standing", height) for kind, height in stands.items()]
+    # Else the wobble of every stride would fill the plot.
+    lowest = min(0.75 * min(stands.values()), *(float(np.min(line.values)) for line in heights))
+    return [
+        *steps,
+        Plot("Walking", "walking/height", "Height of the trunks, m", heights, (lowest, 1.2 * max(stands.values()))),
+        Plot("Walking", "walking/tilt", "Tilt of the trunks against the vertical, degrees", tilts),
     ]
 
 

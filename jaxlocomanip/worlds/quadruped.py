@@ -23,7 +23,7 @@ from jaxlocomanip.locomotion import controller
 from jaxlocomanip.locomotion.algebra import yaw_of
 from jaxlocomanip.locomotion.controller import ControllerState
 from jaxlocomanip.locomotion.robot import JointCommand, LeggedRobot
-from jaxlocomanip.locomotion.settings import LocomotionSettings, settings_for
+from jaxlocomanip.locomotion.settings import LocomotionSettings, derived_settings, settings_for
 from jaxlocomanip.numerics import Floats, pytree, static
 from jaxlocomanip.robots.model import ROBOT_TYPES
 from jaxlocomanip.scenario import Scenario
@@ -39,6 +39,8 @@ HOLD = 5
 """physics steps at most for which a joint command is held"""
 PLANNING = 0.02
 """s, about the time between two solutions of a robot's force MPC"""
+LEAD = 0.03
+"""m, of a robot's integrated reference before itself; more of it goes on pressing after the planner has let go"""
 FALLEN_HEIGHT = 0.6
 """of the standing height; a trunk below it has fallen"""
 FALLEN_TILT = 0.5
@@ -225,9 +227,14 @@ _drive = partial(jax.jit, static_argnames=("period",))(drive)
 
 def load_robots(scenario: Scenario, mjcfs: Sequence[str] | None = None) -> Robots:
     """Parameters and gains of the robots of one scenario's team, from their types or from files."""
-    names = [ROBOT_TYPES[int(kind)] for kind in np.asarray(scenario.team.kind)] if mjcfs is None else list(mjcfs)
-    legged = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[read_robot(name) for name in names])
-    settings = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[settings_for(name) for name in names])
+    if mjcfs is None:
+        names = [ROBOT_TYPES[int(kind)] for kind in np.asarray(scenario.team.kind)]
+        team, gains = [read_robot(name) for name in names], [settings_for(name) for name in names]
+    else:
+        team = [read_robot(path) for path in mjcfs]
+        gains = [derived_settings(robot) for robot in team]
+    legged, settings = (jax.tree.map(lambda *leaves: jnp.stack(leaves), *each) for each in (team, gains))
+    settings = dataclasses.replace(settings, reach=jnp.minimum(settings.reach, LEAD))
     return Robots(legged, settings, ContactSettings())
 
 

@@ -11,7 +11,10 @@ import pytest
 from jaxlocomanip import closed_loop
 from jaxlocomanip.build import build
 from jaxlocomanip.planner.config import PlannerConfig
+from jaxlocomanip.recording.history import rotated
+from jaxlocomanip.recording.quadruped import parts
 from jaxlocomanip.specification import parse_scenario
+from jaxlocomanip.worlds.interface import Bodies
 
 TICKS = 120
 DATA = {
@@ -62,3 +65,49 @@ def _made_up():
 def made_up():
     """Scenario and result."""
     return _made_up()
+
+
+def quaternion_of(rotation):
+    """[4] w, x, y, z of a rotation matrix [3, 3] by less than half a turn."""
+    w = 0.5 * np.sqrt(1.0 + np.trace(rotation))
+    x, y, z = rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]
+    return np.array([w, x / (4 * w), y / (4 * w), z / (4 * w)])
+
+
+def product(a, b):
+    """Product of quaternions [..., 4]."""
+    vector = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
+    return np.concatenate(
+        [a[..., :1] * b[..., :1] - np.sum(a[..., 1:] * b[..., 1:], axis=-1, keepdims=True), vector], -1
+    )
+
+
+def _walking(scenario, result):
+    """The made-up episode with bodies: standing robots that glide along, and an object that tilts by 0.1 rad."""
+    view = result.log.view
+    yaw, zero = view.pose[:, 2], np.zeros(TICKS)
+    turn = np.stack([np.cos(0.5 * yaw), zero, zero, np.sin(0.5 * yaw)], axis=1)
+    tilt = np.tile([np.cos(0.05), np.sin(0.05), 0.0, 0.0], (TICKS, 1))
+    position, quaternion = [np.pad(view.pose[:, :2], ((0, 0), (0, 1)))], [product(turn, tilt)]
+    for i, kind in enumerate(("aliengo", "go1")):
+        heading = view.robots[:, i, 2]
+        turn = np.stack([np.cos(0.5 * heading), zero, zero, np.sin(0.5 * heading)], axis=1)
+        for part in parts(kind, (0, 0, 0)):
+            position.append(np.pad(view.robots[:, i, :2], ((0, 0), (0, 1))) + rotated(turn, part.origin))
+            quaternion.append(product(turn, quaternion_of(part.rotation)))
+    # Diagonal by diagonal, half a period each: FR and RL, then FL and RR.
+    first = (np.arange(TICKS) // 10 % 2 == 0)[:, None, None]
+    loaded = np.where(first, np.array([True, False, False, True]), np.array([False, True, True, False]))
+    force = np.where(loaded[..., None], np.array([5.0, 0.0, 100.0]), 0.0) * np.ones((1, 2, 1, 1))
+    points = np.pad(np.asarray(scenario.team.origin), ((0, 0), (0, 1)), constant_values=0.3)
+    contact = np.pad(view.pose[:, None, :2], ((0, 0), (0, 0), (0, 1))) + points
+    bodies = Bodies(np.stack(position, 1), np.stack(quaternion, 1), force, contact)
+    command = dataclasses.replace(result.log.command, force=np.full((TICKS, 2), 25.0))
+    log = dataclasses.replace(result.log, view=dataclasses.replace(view, bodies=bodies), command=command)
+    return scenario, dataclasses.replace(result, log=log)
+
+
+@pytest.fixture(scope="session")
+def walking(made_up):
+    """Scenario and result as of a world with bodies."""
+    return _walking(*made_up)

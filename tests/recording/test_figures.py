@@ -109,3 +109,9 @@ def test_missing_matplotlib_names_the_extra(made_up, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(InputError, match=r"jaxlocomanip\[view\]"):
         draw_figure(tmp_path / "a.png", "a", *made_up)
+
+
+def test_walking_robots(walking, drawn, tmp_path):
+    draw_figure(tmp_path / "a.png", "a", *walking)
+    assert picture(tmp_path / "a.png").shape[:2] == (1500, 2400)
+    assert (tmp_path / "a.png").read_bytes() != drawn.read_bytes()
