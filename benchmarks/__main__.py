@@ -18,7 +18,7 @@ from typing import Any
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.files import prepare_directory, write_whole
 
-SECTIONS = ("latency", "episode", "batch", "physics")
+SECTIONS = ("latency", "episode", "batch", "physics", "quadruped")
 """What can be measured, in the order in which it is."""
 
 
@@ -56,7 +56,8 @@ def measure(sections: Sequence[str], quick: bool) -> dict[str, Any]:
     lanes = (1, 8, 32) if quick else (1, 8, 32, 64)
     run = {
         "latency": lambda: latency.measure(calls=200 if quick else 500),
-        "episode": episode.measure,
+        "episode": lambda: episode.measure(episode.PLANAR),
+        "quadruped": lambda: episode.measure(episode.QUADRUPED),
         "batch": lambda: batch.measure(lanes, repeats=1 if quick else 3),
         "physics": lambda: _physics(repeats=1 if quick else 3),
     }

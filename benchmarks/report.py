@@ -63,9 +63,9 @@ def _rows(measured: Mapping[str, Any]) -> Iterator[Row]:
             yield Row(f"{'one planner tick' if whole else part}, N = {stages}", _spread(times), whole)
     for part, times in latency["common_ms"].items():
         yield Row(part, _spread(times), part == "path search")
-    if "episode" in measured:
-        episode = measured["episode"]
-        name, cold, cached = f"`{episode['scenario']}`", episode["cold"], episode["cached"]
+    for episode in [*measured.get("episode", []), *measured.get("quadruped", [])]:
+        where = ", ".join(filter(None, (episode["world"], episode["backend"])))
+        name, cold, cached = f"`{episode['scenario']}`, {where}", episode["cold"], episode["cached"]
         yield Row(f"{name}: compile, cold", f"{cold['compile_s']:.1f} s", True)
         yield Row(f"{name}: start, compiled before", f"{cached['compile_s']:.1f} s", True)
         for label, run in (("cold", cold), ("compiled before", cached)):

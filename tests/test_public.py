@@ -76,7 +76,7 @@ def test_one_version():
 
 def test_the_readme_has_the_commands_of_a_fresh_machine():
     commands = "\n".join(code_blocks("sh"))
-    assert 'pip install ".[view]" && jaxlocomanip simulate adaptive --out out\n' in commands
+    assert 'pip install ".[view,sim]" && jaxlocomanip simulate adaptive --world quadruped --out out\n' in commands
     assert 'pip install -e ".[test]" && pytest -m "not slow"\n' in commands
 
 
