@@ -105,6 +105,18 @@ def point_distance(point: Array, vertices: Array, radius: Floats) -> Array:
     return feature_distance(point, nearest_feature(point, vertices))[0] - radius
 
 
+def quick_point_distance(point: Array, vertices: Array, radius: Floats) -> Array:
+    """`point_distance` by less than half the operations, for its value only: no feature is held fixed."""
+    edges, normals, _, valid = _edges(vertices)
+    offset = point - vertices
+    squared_length = jnp.maximum(jnp.sum(edges * edges, axis=1), tiny(point.dtype))
+    along = jnp.clip(jnp.sum(offset * edges, axis=1) / squared_length, 0.0, 1.0)
+    gaps = offset - along[:, None] * edges
+    outside = jnp.sqrt(jnp.min(jnp.sum(gaps * gaps, axis=1)))
+    inside = jnp.max(jnp.where(valid, jnp.sum(offset * normals, axis=1), -jnp.inf))
+    return jnp.where(jnp.any(valid) & (inside < 0.0), inside, outside) - radius
+
+
 def polygon_distance(a: Array, radius_a: Floats, b: Array, radius_b: Floats) -> Array:
     """Signed distance in m between two rounded convex polygons [V, 2] and [W, 2].
 

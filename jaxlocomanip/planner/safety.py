@@ -11,11 +11,14 @@ The choice is piecewise constant and is held fixed when gradients are taken.
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxlocomanip.lanes import where_needed
 from jaxlocomanip.numerics import pytree, safe_norm
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
@@ -90,21 +93,24 @@ def safety_filter(
     forces, rates = candidates(force, rate)
     rates = jax.vmap(lambda r: keep_room(offset, r, shapes.team))(rates)
 
-    def least(push: Array, slide: Array) -> Array:
+    situation = (estimate, offset, obstacles, body, shapes, config)
+
+    def least(situation: Any, push: Array, slide: Array) -> Array:
         # A push may help to brake as well as drive: neither more nor less of it than expected may do harm.
         given = jnp.stack([push, jnp.zeros_like(push)])
-        return jnp.min(
-            jax.vmap(lambda f: braking_room(f, slide, estimate, offset, obstacles, body, shapes, config))(given)
-        )
+        return jnp.min(jax.vmap(lambda f: braking_room(f, slide, *situation))(given))
 
-    own = least(forces[0], rates[0])
+    own = least(situation, forces[0], rates[0])
     keep = (own >= 0.0) | (config.safety.enabled < 0.5)
-    # Most inputs are safe as they are: the others are looked at only if this one is not.
-    room = jax.lax.cond(
-        keep,
-        lambda: jnp.full(forces.shape[:1], own),
-        lambda: jnp.concatenate([own[None], jax.vmap(least)(forces[1:], rates[1:])]),
-    )
+
+    def rooms(given: tuple[Any, Array, Array]) -> Array:
+        situation, pushes, slides = given
+        return jax.vmap(lambda f, r: least(situation, f, r))(pushes, slides)
+
+    # Most inputs are safe as they are: the others are looked at only where this one is not.
+    given = jax.lax.stop_gradient((situation, forces[1:], rates[1:]))
+    others = where_needed(~keep, rooms, given, jnp.full(forces.shape[0] - 1, -FAR, forces.dtype))
+    room = jnp.concatenate([own[None], others])
     # Without a safe candidate, ties in room go to the earlier one: a standing team does not fidget.
     order = jnp.arange(room.shape[0], dtype=room.dtype)
     score = jnp.where(room >= 0.0, 1e3 - order, jnp.minimum(room, 0.0) - 1e-4 * order)

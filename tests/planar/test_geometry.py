@@ -12,6 +12,7 @@ from jaxlocomanip.planar.geometry import (
     perpendicular,
     point_distance,
     polygon_distance,
+    quick_point_distance,
     rectangle,
     rotate,
     transform,
@@ -106,6 +107,8 @@ def test_point_distance_against_oracles(x64, vertices):
     rng = np.random.default_rng(3)
     points = rng.uniform(-1.5, 2.0, (300, 2))
     found = np.asarray(point_distances(jnp.asarray(points), jnp.asarray(vertices), 0.1))
+    quick = jax.vmap(quick_point_distance, (0, None, None))(jnp.asarray(points), jnp.asarray(vertices), 0.1)
+    np.testing.assert_allclose(quick, found, atol=1e-9)
     samples, error = boundary(vertices, 2000)
     nearest = np.sqrt(((points[:, None] - samples[None]) ** 2).sum(axis=2).min(axis=1))
     edges = np.roll(vertices, -1, axis=0) - vertices

@@ -31,7 +31,7 @@ def scene(make_scenario):
 
     def make(face=2.0, friction=0.15, velocity=(0.0, 0.0)):
         wall = {"shape": "box", "size": [1.0, 8.0], "position": [face + 0.5, 3.0], "velocity": list(velocity)}
-        return make_scenario(truth={"friction": friction}, obstacles=[wall])
+        return make_scenario(truth={"friction": friction}, goal={"pose": [-3.0, 3.0, 0.0]}, obstacles=[wall])
 
     return make
 

@@ -13,7 +13,7 @@ from jaxlocomanip.planner import adaptation, path, search
 from jaxlocomanip.planner.authority import pushability
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
-from jaxlocomanip.planner.search import CELLS
+from jaxlocomanip.planner.pose_grid import CELLS
 from jaxlocomanip.planner.shapes import ROBOT_DISCS, shapes_of
 
 CONFIG = PlannerConfig()

@@ -1,0 +1,116 @@
+"""The grid of poses (x, y, heading) in the goal's frame on which paths are searched, and what can be read off it."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxlocomanip.numerics import pytree
+from jaxlocomanip.planar.geometry import quick_point_distance, rotate
+from jaxlocomanip.planner.config import PlannerConfig
+from jaxlocomanip.planner.estimation import ObstacleEstimate
+from jaxlocomanip.planner.shapes import Shapes
+
+HEADINGS = 16
+CELLS = 48
+FAR = 1e4
+"""m, or cost, of what is out of reach"""
+BORDER = 1.6
+"""m of room around start and goal"""
+
+ANGLES = 2.0 * np.pi * np.arange(HEADINGS) / HEADINGS
+CELL_MOVES = [
+    (int(np.rint(np.cos(a) * r)), int(np.rint(np.sin(a) * r)))
+    for a, r in zip(ANGLES, [1.0, 2.2, 1.4, 2.2] * 4, strict=True)
+]
+"""steps of one or two cells in each of the 16 directions"""
+LENGTHS = np.array([np.hypot(*move) for move in CELL_MOVES])
+"""of the moves, in cells"""
+TURN = 2.0 * np.pi / HEADINGS
+_REACH = 24
+"""cells, largest distance of a disc from the object's body point"""
+
+
+@pytree
+class Grid:
+    """Place and spacing of the grid; the goal lies on a node."""
+
+    origin: Array
+    """[2] m, goal-frame position of cell (0, 0)"""
+    spacing: Array
+    """[] m"""
+    goal_cell: Array
+    """[2] int"""
+
+
+def lay_grid(local: Array) -> Grid:
+    """The grid around the goal, at the origin, and a start [3] in the goal's frame."""
+    low = jnp.minimum(local[:2], 0.0) - BORDER
+    side = jnp.max(jnp.maximum(local[:2], 0.0) + BORDER - low)
+    spacing = side / (CELLS - 1)
+    cell = jnp.rint(-low / spacing)
+    return Grid(-cell * spacing, spacing, cell.astype(jnp.int32))
+
+
+def clearance(
+    grid: Grid, local: Array, goal: Array, shapes: Shapes, obstacles: ObstacleEstimate, config: PlannerConfig
+) -> Array:
+    """[HEADINGS, CELLS, CELLS] m, least distance of the team's discs to any obstacle at each pose of the grid."""
+    ticks = jnp.arange(CELLS, dtype=local.dtype) * grid.spacing
+    nodes = grid.origin + jnp.stack(jnp.meshgrid(ticks, ticks, indexing="ij"), axis=-1)
+    arrival = jnp.sqrt(jnp.sum((nodes - local[:2]) ** 2, axis=-1)) / config.reference.speed
+    arrival = jnp.clip(arrival, 0.0, 3.0)
+    world = goal[:2] + rotate(goal[2], nodes)
+
+    def distance(point: Array, time: Array) -> Array:
+        moved = point - obstacles.position - obstacles.velocity * time
+        each = jax.vmap(quick_point_distance)(moved, shapes.obstacle_vertices, shapes.obstacle_radius)
+        # Nobody walks at constant velocity for long: the later the meeting, the wider the berth.
+        berth = jnp.where(shapes.obstacle_dynamic, config.reference.caution * time, 0.0)
+        return jnp.min(jnp.where(shapes.obstacle_mask, each - berth, FAR))
+
+    field = jax.vmap(jax.vmap(distance))(world, arrival)
+    headings = jnp.asarray(ANGLES, local.dtype)
+
+    def at(heading: Array, center: Array, radius: Array, used: Array) -> Array:
+        shift = rotate(heading, center) / grid.spacing
+        return jnp.where(used > 0.5, _shifted(field, shift) - radius, FAR)
+
+    discs = shapes.protected_discs(config)
+    over_discs = jax.vmap(at, in_axes=(None, 0, 0, 0))
+    each = jax.vmap(over_discs, in_axes=(0, None, None, None))(headings, discs.centers, discs.radii, discs.used)
+    return jnp.min(each, axis=1)
+
+
+def _shifted(field: Array, shift: Array) -> Array:
+    """field [n, n] read at index + shift [2] by bilinear interpolation, held at the border.
+
+    The shift is the same for every node, so that one slice of the widened field and its neighbours by one are enough.
+    """
+    size = field.shape[0]
+    low = jnp.floor(shift)
+    corner = jnp.clip(_REACH + low.astype(jnp.int32), 0, 2 * _REACH - 1)
+    part = shift - low
+    wide = jax.lax.dynamic_slice(jnp.pad(field, _REACH, mode="edge"), (corner[0], corner[1]), (size + 1, size + 1))
+    along = (1.0 - part[0]) * wide[:-1] + part[0] * wide[1:]
+    return (1.0 - part[1]) * along[:, :-1] + part[1] * along[:, 1:]
+
+
+def interpolated(value: Array, grid: Grid, pose: Array) -> Array:
+    """Trilinear value at a goal-frame pose [3]; headings wrap."""
+    cell = jnp.clip((pose[:2] - grid.origin) / grid.spacing, 0.0, CELLS - 1.001)
+    low = cell.astype(jnp.int32)
+    part = cell - low
+    bins = pose[2] / TURN
+    lower = jnp.floor(bins)
+    turn = bins - lower
+    k = lower.astype(jnp.int32) % HEADINGS
+
+    def plane(h: Array) -> Array:
+        corner = jax.lax.dynamic_slice(value, (h, low[0], low[1]), (1, 2, 2))[0]
+        along = (1.0 - part[0]) * corner[0] + part[0] * corner[1]
+        return (1.0 - part[1]) * along[0] + part[1] * along[1]
+
+    return (1.0 - turn) * plane(k) + turn * plane((k + 1) % HEADINGS)

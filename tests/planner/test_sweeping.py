@@ -1,0 +1,51 @@
+"""Cost to go by fast sweeping, against updating all poses at once until nothing changes."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxlocomanip.planner.pose_grid import CELL_MOVES, CELLS, FAR, HEADINGS, LENGTHS, TURN, Grid
+from jaxlocomanip.planner.sweeping import cost_to_go
+
+RADIUS, SPACING = 0.6, 0.15
+
+
+def simple(density, goal_cell, moves, turns, sweeps=250):
+    """Costs by Jacobi iteration, every move of every pose spelt out."""
+    value = np.full(density.shape, FAR)
+    value[0, goal_cell[0], goal_cell[1]] = 0.0
+    for _ in range(sweeps):
+        old, best = value, value.copy()
+        for k in range(HEADINGS):
+            for side, change in ((0, -1), (1, 1)):
+                turned = old[(k + change) % HEADINGS]
+                best[k] = np.minimum(best[k], RADIUS * TURN * turns[side] * density[k] + turned)
+            for m, (i, j) in enumerate(CELL_MOVES):
+                here = tuple(slice(max(0, -s), CELLS - max(0, s)) for s in (i, j))
+                there = tuple(slice(max(0, s), CELLS + min(0, s)) for s in (i, j))
+                straight = LENGTHS[m] * SPACING
+                for turn in (-1, 0, 1):
+                    length = np.hypot(straight, RADIUS * TURN * turn)
+                    price = moves[(m - k) % HEADINGS, turn + 1] * length
+                    cost = price * density[k][here] + old[(k + turn) % HEADINGS][there]
+                    best[k][here] = np.minimum(best[k][here], cost)
+        value = best
+        if np.array_equal(value, old):
+            break
+    return value
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_costs_are_those_of_plain_iteration(seed):
+    random = np.random.default_rng(seed)
+    density = np.ones((HEADINGS, CELLS, CELLS))
+    for _ in range(6):
+        x, y = random.integers(0, CELLS - 8, 2)
+        density[:, x : x + 8, y : y + 8] *= 10.0
+    moves = 1.0 + 15.0 * random.uniform(0.0, 1.0, (HEADINGS, 3)) * (random.uniform(size=(HEADINGS, 1)) < 0.6)
+    turns, goal = np.array([3.0, 1.5]), np.array([11, 30])
+    grid = Grid(jnp.asarray(-SPACING * goal), jnp.asarray(SPACING), jnp.asarray(goal))
+    found = cost_to_go(grid, jnp.asarray(density, jnp.float32), jnp.asarray(moves), jnp.asarray(turns), RADIUS)
+    expected = simple(density, goal, moves, turns)
+    assert float(found[0, 11, 30]) == 0.0
+    np.testing.assert_allclose(found, expected, rtol=2e-3, atol=2e-2)
