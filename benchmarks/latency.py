@@ -13,7 +13,7 @@ from jax import Array
 from benchmarks.timing import compiled, milliseconds
 from jaxlocomanip import PlannerConfig, build_scenario, find_scenario
 from jaxlocomanip.numerics import pytree
-from jaxlocomanip.planner import nmpc, problem, reference, safety
+from jaxlocomanip.planner import decision, nmpc, problem, reference, safety
 from jaxlocomanip.planner.nmpc import Command, Measurement, PlannerState, Task
 from jaxlocomanip.planner.problem import PushProblem
 from jaxlocomanip.planner.shapes import shapes_of
@@ -79,7 +79,7 @@ def _timed(parts: Mapping[str, tuple[Any, ...]], calls: int) -> dict[str, dict[s
 def _depending(s: Situation) -> dict[str, tuple[Any, ...]]:
     """Parts of a tick whose work grows with the horizon: a function and its arguments each."""
     lq, _ = jax.jit(sqp.linearise)(s.problem, s.solver.plan)
-    settings = nmpc.options(s.config)
+    settings = decision.options(s.config)
     still = jnp.zeros_like(s.x0)
     direction = jax.jit(riccati.solve)(lq, still, s.solver.damping)
     return {

@@ -224,3 +224,15 @@ def test_single_precision_has_no_nan_over_many_scenarios(make_scenario):
     assert all(finite)
     assert (result.outcome.nonfinite == 0).all()
     assert (result.outcome.ticks == 1000).all()
+
+
+def test_lanes_that_rest_are_skipped_without_a_difference(make_scenario):
+    """One lane is at its goal from the start, the other on its way: skipping changes neither."""
+    near = make_scenario(duration=2.0, goal={"pose": [0.02, 0.0, 0.0]})
+    pair = stack([near, make_scenario(index=1, duration=2.0)])
+    asking = dataclasses.replace(CONFIG, horizon=dataclasses.replace(CONFIG.horizon, rest_skips=False))
+    skipped, all_planned = (simulate(pair, config) for config in (CONFIG, asking))
+    assert np.asarray(skipped.log.command.resting)[:, -1].tolist() == [True, False]
+    for name in ("pose", "twist", "offset", "force"):
+        np.testing.assert_allclose(getattr(skipped.log.view, name), getattr(all_planned.log.view, name), atol=1e-5)
+    assert (np.asarray(skipped.log.command.force)[0] == 0.0).all()

@@ -29,6 +29,8 @@ class Horizon:
     """s, period of the planner; one command is held for it"""
     sqp_iterations: int = static(1)
     """iterations a tick"""
+    rest_skips: bool = static(True)
+    """plan only in lanes that have not arrived; off where gradients of whole episodes are wanted in reverse mode"""
     dt: Number = 0.1
     """s, length of a stage"""
     smoothing: Number = 0.02

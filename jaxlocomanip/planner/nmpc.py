@@ -7,16 +7,19 @@ is searched at its own slower rate by `replan`.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import pytree, safe_norm, select, wrap_angle
+from jaxlocomanip.lanes import where_needed
+from jaxlocomanip.numerics import T, pytree, select, wrap_angle
 from jaxlocomanip.planar import dynamics
-from jaxlocomanip.planner import adaptation, estimation, path, problem, reference, safety, search
+from jaxlocomanip.planner import adaptation, estimation, path, reference, search
 from jaxlocomanip.planner.adaptation import ParameterEstimate
 from jaxlocomanip.planner.config import PlannerConfig
+from jaxlocomanip.planner.decision import Report, Situation, at_rest, decide, options
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.path import Path
 from jaxlocomanip.planner.reference import Progress
@@ -24,7 +27,7 @@ from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.scenario import Goal, ObjectModel
 from jaxlocomanip.solver import sqp
 from jaxlocomanip.solver.ocp import Plan
-from jaxlocomanip.solver.sqp import Iterate, Options
+from jaxlocomanip.solver.sqp import Iterate
 
 
 @pytree
@@ -67,24 +70,6 @@ class Command:
 
 
 @pytree
-class Report:
-    """What is worth recording of a tick."""
-
-    target: Array
-    """[3] reference pose now"""
-    object_cbf: Array
-    """[] least object barrier condition at the plan's first stage, unscaled"""
-    robot_cbf: Array
-    """[] least robot barrier condition at the plan's first stage, unscaled"""
-    clf: Array
-    """[] Lyapunov condition at the plan's first stage"""
-    filter_choice: Array
-    """[] int, 0: the planner's own input was sent"""
-    filter_room: Array
-    """[] m"""
-
-
-@pytree
 class PlannerState:
     """Everything the planner remembers from tick to tick."""
 
@@ -101,11 +86,6 @@ class PlannerState:
     offset: Array
     """[N_r] m, contact offsets at the last tick"""
     command: Command
-
-
-def options(config: PlannerConfig) -> Options:
-    """Solver settings of a planner configuration."""
-    return Options(iterations=config.horizon.sqp_iterations)
 
 
 def start(task: Task, measured: Measurement, config: PlannerConfig) -> PlannerState:
@@ -131,14 +111,32 @@ def start(task: Task, measured: Measurement, config: PlannerConfig) -> PlannerSt
 
 
 def replan(state: PlannerState, task: Task, config: PlannerConfig) -> PlannerState:
-    """Search the path anew from where the object is; a straight-line configuration keeps its line from the origin."""
+    """Search the path anew from where the object is; a straight-line configuration keeps its line from the origin.
+
+    A team that has arrived keeps its path.
+    """
+    kept = (state.path, state.progress)
+    path, progress = _if_awake(state.progress, _search, (state, task, config), kept, config)
+    return dataclasses.replace(state, path=path, progress=progress)
+
+
+def _if_awake(
+    progress: Progress, function: Callable[..., T], arguments: tuple[Any, ...], otherwise: T, config: PlannerConfig
+) -> T:
+    """`function(*arguments)` for a team that has not arrived, else `otherwise`."""
+    if config.horizon.rest_skips:
+        return where_needed(~progress.resting, lambda given: function(*given), arguments, otherwise)
+    return select(~progress.resting, function(*arguments), otherwise)
+
+
+def _search(state: PlannerState, task: Task, config: PlannerConfig) -> tuple[Path, Progress]:
     body, turn_radius = state.parameters.body, config.reference.speed / config.reference.turn_rate
     found = search.search_poses(state.object.pose, task.goal.pose, task.shapes, state.obstacles, body, config)
     line = path.straight_poses(state.origin, task.goal.pose, found.shape[0])
     planned = config.reference.plan_path > 0.5
     paced = path.pace(jnp.where(planned, found, line), task.shapes, body, turn_radius)
     renewed = reference.restart(state.progress, paced)
-    return dataclasses.replace(state, path=paced, progress=select(planned, renewed, state.progress))
+    return paced, select(planned, renewed, state.progress)
 
 
 def tick(
@@ -153,31 +151,29 @@ def tick(
     )
     # The reference waits for the robots: a lead built up while nobody can push would be caught up with in a jerk.
     progress = select(jnp.any(measured.contact), progress, state.progress)
-    times = horizon.dt * jnp.arange(horizon.steps + 1, dtype=measured.pose.dtype)
-    targets = reference.targets(progress, state.path, times, config.reference)
     warm = shift(state.solver, horizon.tick / horizon.dt)
-    ocp = problem.assemble(targets, warm.plan, parameters.body, task.shapes, obstacles, config)
-    x0 = jnp.concatenate([estimate.pose, estimate.twist, measured.offset])
-    trying = (config.reference.second_start > 0.5) & (safe_norm(estimate.twist[:2]) < SLOW)
-    rival = problem.pushing_start(ocp, x0)
-    # A rival that is not wanted is made worthless, so that the program is the same.
-    rival = Plan(jnp.where(trying, rival.xs, jnp.nan), rival.us)
-    solver = sqp.solve(ocp, x0, warm, options(config), rival)
-    n = measured.offset.shape[0]
-    first = solver.plan.us[0]
-    limits = task.shapes.team
-    awake = jnp.where(progress.resting, 0.0, 1.0)
-    wanted = awake * jnp.clip(first[:n], 0.0, limits.force_max)
-    slide = awake * jnp.clip(first[n:], -limits.slide_speed_max, limits.slide_speed_max)
-    sent = safety.safety_filter(
-        wanted, slide, estimate, measured.offset, obstacles, parameters.body, task.shapes, config
-    )
-    offset = jnp.clip(measured.offset + horizon.tick * sent.offset_rate, -limits.offset_limit, limits.offset_limit)
-    command = Command(sent.force, sent.offset_rate, offset, solver.plan.xs[1, 3:6], progress.resting)
+    situation = Situation(estimate, parameters.body, obstacles, state.path, progress, measured.offset)
+
+    given = (situation, warm, task.shapes, config)
+    decided = _if_awake(progress, decide, given, at_rest(situation, warm), config)
+    limit = task.shapes.team.offset_limit
+    sent = decided.sent
+    offset = jnp.clip(measured.offset + horizon.tick * sent.offset_rate, -limit, limit)
+    twist = decided.solver.plan.xs[1, 3:6]
+    command = Command(sent.force, sent.offset_rate, offset, twist, progress.resting)
     new = PlannerState(
-        estimate, obstacles, parameters, state.path, state.origin, progress, solver, force, measured.offset, command
+        estimate,
+        obstacles,
+        parameters,
+        state.path,
+        state.origin,
+        progress,
+        decided.solver,
+        force,
+        measured.offset,
+        command,
     )
-    return new, command, _report(ocp, solver, targets, sent, task)
+    return new, command, decided.report
 
 
 def observe(
@@ -225,30 +221,8 @@ def shift(solver: Iterate, fraction: Array | float) -> Iterate:
     return dataclasses.replace(solver, plan=Plan(xs, us))
 
 
-SLOW = 0.1
-"""m/s, below which the plan that pushes at once is tried beside the warm start"""
-
 FORCE_LAG = 0.05
 """s, lag of the robots' push that the observer reckons with"""
 
 PREDICTION_WEIGHT = 3.0
 """Innovation of a tick as a velocity error, in multiples of lambda"""
-
-
-def _report(
-    ocp: problem.PushProblem, solver: Iterate, targets: reference.Targets, sent: safety.Filtered, task: Task
-) -> Report:
-    team, shapes = task.shapes.team, task.shapes
-    clf = 6 * team.offset.shape[0] + team.pair_bounds.shape[0]
-    objects = shapes.object_radii.shape[0] * shapes.obstacle_mask.shape[0]
-    first = ocp.stage(solver.plan.xs[0], solver.plan.us[0], jax.tree.map(lambda leaf: leaf[0], ocp.stages))
-    h = jnp.where(ocp.barriers.weight > 0.0, first.inequality, jnp.inf)
-    scale = ocp.config.constraints.cbf_scale
-    return Report(
-        target=targets.pose[0],
-        object_cbf=jnp.min(h[clf + 1 : clf + 1 + objects]) / scale,
-        robot_cbf=jnp.min(h[clf + 1 + objects :]) / scale,
-        clf=first.inequality[clf],
-        filter_choice=sent.choice,
-        filter_room=sent.room,
-    )

@@ -1,0 +1,120 @@
+"""What the planner decides in one tick: reference, optimal control problem, solver, safety filter.
+
+Lanes whose team has arrived have nothing to decide and skip all of it.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxlocomanip.numerics import pytree, safe_norm
+from jaxlocomanip.planar.dynamics import Body
+from jaxlocomanip.planner import problem, reference, safety
+from jaxlocomanip.planner.config import PlannerConfig
+from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
+from jaxlocomanip.planner.path import Path
+from jaxlocomanip.planner.reference import Progress
+from jaxlocomanip.planner.shapes import Shapes
+from jaxlocomanip.solver import sqp
+from jaxlocomanip.solver.ocp import Plan
+from jaxlocomanip.solver.sqp import Iterate, Options
+
+SLOW = 0.1
+"""m/s, below which the plan that pushes at once is tried beside the warm start"""
+
+
+@pytree
+class Report:
+    """What is worth recording of a tick."""
+
+    target: Array
+    """[3] reference pose now"""
+    object_cbf: Array
+    """[] least object barrier condition at the plan's first stage, unscaled"""
+    robot_cbf: Array
+    """[] least robot barrier condition at the plan's first stage, unscaled"""
+    clf: Array
+    """[] Lyapunov condition at the plan's first stage"""
+    filter_choice: Array
+    """[] int, 0: the planner's own input was sent"""
+    filter_room: Array
+    """[] m"""
+
+
+@pytree
+class Situation:
+    """What a plan is made from."""
+
+    estimate: ObjectEstimate
+    body: Body
+    obstacles: ObstacleEstimate
+    path: Path
+    progress: Progress
+    offset: Array
+
+
+@pytree
+class Decision:
+    """What came of it."""
+
+    solver: Iterate
+    sent: safety.Filtered
+    report: Report
+
+
+def options(config: PlannerConfig) -> Options:
+    """Solver settings of a planner configuration."""
+    return Options(iterations=config.horizon.sqp_iterations)
+
+
+def decide(situation: Situation, warm: Iterate, shapes: Shapes, config: PlannerConfig) -> Decision:
+    """Reference, optimal control problem, solver and filter."""
+    horizon, estimate, offset = config.horizon, situation.estimate, situation.offset
+    times = horizon.dt * jnp.arange(horizon.steps + 1, dtype=estimate.pose.dtype)
+    targets = reference.targets(situation.progress, situation.path, times, config.reference)
+    ocp = problem.assemble(targets, warm.plan, situation.body, shapes, situation.obstacles, config)
+    x0 = jnp.concatenate([estimate.pose, estimate.twist, offset])
+    trying = (config.reference.second_start > 0.5) & (safe_norm(estimate.twist[:2]) < SLOW)
+    rival = problem.pushing_start(ocp, x0)
+    # A rival that is not wanted is made worthless, so that the program is the same.
+    rival = Plan(jnp.where(trying, rival.xs, jnp.nan), rival.us)
+    solver = sqp.solve(ocp, x0, warm, options(config), rival)
+    n, limits = offset.shape[0], shapes.team
+    first = solver.plan.us[0]
+    wanted = jnp.clip(first[:n], 0.0, limits.force_max)
+    slide = jnp.clip(first[n:], -limits.slide_speed_max, limits.slide_speed_max)
+    sent = safety.safety_filter(wanted, slide, estimate, offset, situation.obstacles, situation.body, shapes, config)
+    return Decision(solver, sent, _report(ocp, solver, targets, sent, shapes))
+
+
+def at_rest(situation: Situation, warm: Iterate) -> Decision:
+    """A team that has arrived asks for nothing, and its plan is to stay."""
+    here = jnp.concatenate([situation.estimate.pose, jnp.zeros_like(situation.estimate.twist), situation.offset])
+    stay = Plan(jnp.broadcast_to(here, warm.plan.xs.shape), jnp.zeros_like(warm.plan.us))
+    zero = jnp.zeros_like(warm.cost)
+    none, free = jnp.zeros_like(situation.offset), zero + safety.FAR
+    converged = jnp.zeros_like(warm.status)
+    solver = Iterate(stay, warm.damping, zero, zero, zero, zero, converged)
+    sent = safety.Filtered(none, none, jnp.zeros((), jnp.int32), free)
+    return Decision(solver, sent, Report(situation.estimate.pose, free, free, zero, sent.choice, free))
+
+
+def _report(
+    ocp: problem.PushProblem, solver: Iterate, targets: reference.Targets, sent: safety.Filtered, shapes: Shapes
+) -> Report:
+    team = shapes.team
+    clf = 6 * team.offset.shape[0] + team.pair_bounds.shape[0]
+    objects = shapes.object_radii.shape[0] * shapes.obstacle_mask.shape[0]
+    first = ocp.stage(solver.plan.xs[0], solver.plan.us[0], jax.tree.map(lambda leaf: leaf[0], ocp.stages))
+    h = jnp.where(ocp.barriers.weight > 0.0, first.inequality, jnp.inf)
+    scale = ocp.config.constraints.cbf_scale
+    return Report(
+        target=targets.pose[0],
+        object_cbf=jnp.min(h[clf + 1 : clf + 1 + objects]) / scale,
+        robot_cbf=jnp.min(h[clf + 1 + objects :]) / scale,
+        clf=first.inequality[clf],
+        filter_choice=sent.choice,
+        filter_room=sent.room,
+    )
