@@ -1,5 +1,6 @@
 """Settings that every test runs under, and the scenarios that many of them share."""
 
+import gc
 import os
 from pathlib import Path
 
@@ -30,6 +31,18 @@ SMALL = {
     "robots": [{"type": "aliengo", "face": "-x"}, {"type": "aliengo", "face": "-y"}],
 }
 """Two robots and a box on an empty floor."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def programs_are_dropped():
+    """Compiled programs of a file are let go after it; they come back from the cache on disk.
+
+    Each holds several memory maps, of which Linux gives a process 65,530: with the programs of the whole suite loaded,
+    the next compilation crashes the interpreter.
+    """
+    yield
+    jax.clear_caches()
+    gc.collect()
 
 
 @pytest.fixture
