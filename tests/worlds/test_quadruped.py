@@ -13,6 +13,7 @@ from jaxlocomanip.closed_loop import compiled, load_world, simulate
 from jaxlocomanip.planner.config import Horizon, PlannerConfig
 from jaxlocomanip.scenario import stack
 from jaxlocomanip.worlds import quadruped
+from jaxlocomanip.worlds.legged import read_robot, robot_path
 from jaxlocomanip.worlds.scene import STANDOFF
 
 CONFIG = PlannerConfig(horizon=Horizon(steps=10))
@@ -83,6 +84,23 @@ def test_weight_is_carried_by_the_feet(result):
     late = result.log.time > 2.0
     vertical = np.asarray(result.log.view.bodies.foot_force)[late][..., 2].sum(axis=2).mean(axis=0)
     np.testing.assert_allclose(vertical, 24.638 * 9.81, rtol=0.1)
+
+
+def test_robots_may_come_from_files_of_ones_own(scenario):
+    """Go1s under the names of a file, in a scenario whose planner thinks of Aliengos."""
+    path = robot_path("go1")
+    world = quadruped.world("c", [path, path]).prepare(scenario)
+    np.testing.assert_allclose(world.robots.legged.mass, read_robot("go1").mass)
+    short = dataclasses.replace(scenario, duration=np.float32(1.0))
+    result = simulate(short, CONFIG, world)
+    assert not result.outcome.fell
+    height = result.log.view.bodies.position[-1, 1, 2]
+    assert height == pytest.approx(float(read_robot("go1").stand_height), abs=0.02)
+
+
+def test_a_missing_robot_file_is_refused(scenario, tmp_path):
+    with pytest.raises(InputError, match="nobody.xml"):
+        quadruped.world("c", [tmp_path / "nobody.xml"] * 2).prepare(scenario)
 
 
 @pytest.mark.parametrize(
