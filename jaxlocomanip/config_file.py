@@ -14,6 +14,7 @@ A missing table or key keeps the preset's value; an unknown one is refused.
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -127,6 +128,34 @@ def without(config: PlannerConfig, names: Sequence[str]) -> PlannerConfig:
     return config
 
 
+def named_config(name: str) -> PlannerConfig:
+    """Planner settings of a preset by its name, else from a file.
+
+    Raises:
+      InputError: neither a preset nor a readable, correct file.
+    """
+    if name in PRESETS:
+        return preset(name)
+    if name.endswith(".toml") or os.sep in name or Path(name).exists():
+        return load_config(name)
+    hint = checked.nearest(name, PRESETS)
+    raise InputError(f"config = {name!r}: must be a file or one of {', '.join(PRESETS)}{hint}")
+
+
+def with_settings(config: PlannerConfig, settings: Mapping[str, Any]) -> PlannerConfig:
+    """The configuration with single settings replaced, given by dotted name (`reference.speed`).
+
+    Raises:
+      InputError: unknown name, wrong type, or value out of range.
+    """
+    for name, value in settings.items():
+        table: Any = value
+        for part in reversed(name.split(".")):
+            table = {part: table}
+        config = _filled(config, table, "")
+    return config
+
+
 def _names(node: Any) -> list[str]:
     return [f.name for f in dataclasses.fields(node)]
 
@@ -134,7 +163,7 @@ def _names(node: Any) -> list[str]:
 def _filled(node: T, table: Any, where: str) -> T:
     """A group of settings with the values of its table put in."""
     table = checked.known_keys(where or "config", table, _names(node))
-    whole = [name for name, hint in get_type_hints(type(node)).items() if hint is int]
+    hints = get_type_hints(type(node))
     values: dict[str, Any] = {}
     for name, given in table.items():
         field = f"{where}.{name}" if where else name
@@ -145,7 +174,9 @@ def _filled(node: T, table: Any, where: str) -> T:
         elif isinstance(present, tuple):
             numbers = checked.vector(field, given, len(present))
             values[name] = tuple(checked.number(f"{field}[{i}]", v, low, high) for i, v in enumerate(numbers))
-        elif name in whole:
+        elif hints[name] is bool:
+            values[name] = _boolean(field, given)
+        elif hints[name] is int:
             values[name] = _integer(field, given, int(low), int(high))
         else:
             values[name] = checked.number(field, given, low, high)
@@ -155,6 +186,12 @@ def _filled(node: T, table: Any, where: str) -> T:
 def _integer(field: str, value: Any, low: int, high: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
         raise InputError(f"{field} = {value!r}: must be a whole number >= {low} and <= {high}")
+    return value
+
+
+def _boolean(field: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise InputError(f"{field} = {value!r}: must be true or false")
     return value
 
 
@@ -172,6 +209,8 @@ def _write(lines: list[str], node: Any, where: str) -> None:
 def _text(value: Any) -> str:
     if isinstance(value, tuple):
         return f"[{', '.join(_text(v) for v in value)}]"
+    if isinstance(value, bool):
+        return str(value).lower()
     # repr is the shortest text that reads back as the same double; a tuned setting may be a scalar array.
     return repr(value) if isinstance(value, int) else repr(float(value))
 

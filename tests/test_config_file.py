@@ -10,7 +10,16 @@ import jax.numpy as jnp
 import pytest
 
 from jaxlocomanip.checked import InputError
-from jaxlocomanip.config_file import FEATURES, RANGES, config_from_table, config_to_toml, load_config, without
+from jaxlocomanip.config_file import (
+    FEATURES,
+    RANGES,
+    config_from_table,
+    config_to_toml,
+    load_config,
+    named_config,
+    with_settings,
+    without,
+)
 from jaxlocomanip.planner import config as planner_config
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.presets import PRESETS, preset
@@ -130,3 +139,24 @@ def test_without_combines_and_refuses():
     assert without(PlannerConfig(), []) == PlannerConfig()
     with pytest.raises(InputError, match="without = 'pth': must be one of .*; did you mean 'path'?"):
         without(PlannerConfig(), ["pth"])
+
+
+def test_named_configurations_are_presets_and_files(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('preset = "paper"\n')
+    assert named_config("robust") == preset("robust")
+    assert named_config(str(path)) == preset("paper")
+    with pytest.raises(
+        InputError, match="config = 'papr': must be a file or one of robust, paper; did you mean 'paper'"
+    ):
+        named_config("papr")
+
+
+def test_single_settings_are_replaced_by_their_names():
+    config = with_settings(preset("robust"), {"reference.speed": 0.4, "constraints.robot_cbf.weight": 1})
+    assert (config.reference.speed, config.constraints.robot_cbf.weight) == (0.4, 1.0)
+    assert with_settings(config, {"reference.speed": 0.5, "constraints.robot_cbf.weight": 0.8}) == preset("robust")
+    assert with_settings(config, {"horizon.rest_skips": False}).horizon.rest_skips is False
+    for name, value in {"sped": 1.0, "reference.sped": 1.0, "reference": 1.0, "horizon.rest_skips": 1}.items():
+        with pytest.raises(InputError):
+            with_settings(config, {name: value})
