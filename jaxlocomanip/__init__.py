@@ -14,6 +14,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from jaxlocomanip.batch import run as run_batch
     from jaxlocomanip.build import build as build_scenario
     from jaxlocomanip.checked import InputError
     from jaxlocomanip.closed_loop import Log, Result, compiled, simulate
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from jaxlocomanip.outcome import Outcome
     from jaxlocomanip.planner.config import PlannerConfig
     from jaxlocomanip.planner.presets import preset
+    from jaxlocomanip.sampling.sampler import sample as sample_scenario
+    from jaxlocomanip.sampling.study import Study, find_study
     from jaxlocomanip.scenario import Scenario, stack
     from jaxlocomanip.specification import ScenarioSpec, load_scenario, parse_scenario
 
@@ -34,13 +37,17 @@ __all__ = [
     "Result",
     "Scenario",
     "ScenarioSpec",
+    "Study",
     "__version__",
     "build_scenario",
     "compiled",
     "find_scenario",
+    "find_study",
     "load_scenario",
     "parse_scenario",
     "preset",
+    "run_batch",
+    "sample_scenario",
     "simulate",
     "stack",
 ]
@@ -54,12 +61,16 @@ _HOMES = {
     "Result": ("closed_loop", "Result"),
     "Scenario": ("scenario", "Scenario"),
     "ScenarioSpec": ("specification", "ScenarioSpec"),
+    "Study": ("sampling.study", "Study"),
     "build_scenario": ("build", "build"),
     "compiled": ("closed_loop", "compiled"),
     "find_scenario": ("library", "find"),
+    "find_study": ("sampling.study", "find_study"),
     "load_scenario": ("specification", "load_scenario"),
     "parse_scenario": ("specification", "parse_scenario"),
     "preset": ("planner.presets", "preset"),
+    "run_batch": ("batch", "run"),
+    "sample_scenario": ("sampling.sampler", "sample"),
     "simulate": ("closed_loop", "simulate"),
     "stack": ("scenario", "stack"),
 }

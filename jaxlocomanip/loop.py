@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxlocomanip.numerics import all_finite, pytree, select
-from jaxlocomanip.outcome import Clearances, Tally, clearances, count, start_tally
+from jaxlocomanip.outcome import Clearances, Tally, clearances, count, gaps, nearest, start_tally
 from jaxlocomanip.planner import nmpc
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.nmpc import Command, Measurement, PlannerState, Report, Task
@@ -151,10 +151,11 @@ def settle(
     """
     period = config.horizon.tick
     end = (loop.tick + 1) * period
-    least = clearances(scenario, after, scenario.obstacles.at(end))
+    apart = gaps(scenario, after, scenario.obstacles.at(end))
+    least = nearest(scenario, after, apart)
     finite = all_finite(after)
     status = jnp.where(finite, decision.planner.solver.status, Status.NONFINITE)
-    tally = count(loop.tally, scenario, before, after, least, status, end, period)
+    tally = count(loop.tally, scenario, before, after, apart, least, status, end, period)
     running = loop.alive & (loop.tick * period < scenario.duration - 1e-4)
     nonfinite = loop.tally.nonfinite + (running & ~finite)
     frozen = dataclasses.replace(loop, tally=dataclasses.replace(loop.tally, nonfinite=nonfinite))

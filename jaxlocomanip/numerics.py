@@ -11,6 +11,7 @@ from typing import Any, TypeVar, dataclass_transform
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 T = TypeVar("T")
@@ -37,6 +38,12 @@ def static(default: Any) -> Any:
 def tiny(dtype: Any) -> float:
     """Smallest pivot, divisor or squared length trusted in `dtype`; the one source of such floors."""
     return 1e-12 if jnp.dtype(dtype).itemsize >= 8 else 1e-7
+
+
+def host_array(value: Any) -> Any:
+    """Floats as a NumPy array of the precision that JAX computes in."""
+    # `Any`: the pytrees are annotated with JAX's array type, of which NumPy's is none.
+    return np.asarray(value, dtype=jax.dtypes.canonicalize_dtype(np.float64))
 
 
 def safe_norm(v: Array, axis: int = -1) -> Array:

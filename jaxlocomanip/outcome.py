@@ -19,6 +19,8 @@ HOLD = 2.0
 """s, how long the object must have been within the tolerances at the end to count as reached"""
 CLEAR = 1e3
 """m, clearance reported where there is nothing to hit"""
+STILL = 0.02
+"""m/s, a body of which no corner moves faster than this stands still"""
 
 
 @pytree
@@ -48,6 +50,11 @@ class Outcome:
     min_team_clearance_m: Array
     collided: Array
     """[] bool, some clearance was below zero"""
+    run_over: Array
+    """[] bool, collided, but only with moving obstacles that ran into bodies standing still: in each tick in which some
+    overlap began or grew, the obstacle moved and no corner of that body moved faster than 2 cm/s. So the body has stood
+    since before the first contact. False where robots overlapped each other, and where a body moved in any of these
+    ticks, even if it moved away."""
     fell: Array
     """[] bool, some robot fell; the episode ends there"""
     contact_lost: Array
@@ -68,25 +75,53 @@ class Outcome:
     """[] int, ticks whose last step was below the tolerance or reduced the merit"""
 
 
-def clearances(scenario: Scenario, view: View, positions: Array) -> Clearances:
-    """Signed distances between true shapes, with the obstacles at `positions` [N_o, 2]."""
-    team, obstacles = scenario.team, scenario.obstacles
-    body = transform(view.pose, scenario.object.vertices)
-    rectangles = jax.vmap(rectangle)(view.robots, team.half_length, team.half_width)
+def gaps(scenario: Scenario, view: View, positions: Array) -> Array:
+    """[1 + N_r, N_o] m, signed distances of the object and each robot to obstacles at `positions` [N_o, 2]."""
+    obstacles = scenario.obstacles
     shapes = positions[:, None, :] + obstacles.vertices
 
     def to_obstacles(vertices: Array) -> Array:
         each = jax.vmap(lambda s, r: polygon_distance(vertices, 0.0, s, r))(shapes, obstacles.radius)
-        return jnp.min(jnp.where(obstacles.mask, each, CLEAR))
+        return jnp.where(obstacles.mask, each, CLEAR)
 
+    body, rectangles = _bodies(scenario, view)
+    return jnp.concatenate([to_obstacles(body)[None], jax.vmap(to_obstacles)(rectangles)])
+
+
+def _bodies(scenario: Scenario, view: View) -> tuple[Array, Array]:
+    """Corners of the object [V, 2] and of the robots [N_r, 4, 2] in the world, m."""
+    team = scenario.team
+    rectangles = jax.vmap(rectangle)(view.robots, team.half_length, team.half_width)
+    return transform(view.pose, scenario.object.vertices), rectangles
+
+
+def nearest(scenario: Scenario, view: View, apart: Array) -> Clearances:
+    """Least distances, given those to the obstacles [1 + N_r, N_o]."""
+    _, rectangles = _bodies(scenario, view)
     count = rectangles.shape[0]
     pairs = [(i, j) for i in range(count) for j in range(i + 1, count)]
     between = [polygon_distance(rectangles[i], 0.0, rectangles[j], 0.0) for i, j in pairs]
     return Clearances(
-        to_obstacles(body),
-        jnp.min(jax.vmap(to_obstacles)(rectangles)),
-        jnp.min(jnp.stack(between)) if between else jnp.full((), CLEAR, body.dtype),
+        jnp.min(apart[0]),
+        jnp.min(apart[1:]),
+        jnp.min(jnp.stack(between)) if between else jnp.full((), CLEAR, apart.dtype),
     )
+
+
+def clearances(scenario: Scenario, view: View, positions: Array) -> Clearances:
+    """Signed distances between true shapes, with the obstacles at `positions` [N_o, 2]."""
+    return nearest(scenario, view, gaps(scenario, view, positions))
+
+
+def _moved_into(scenario: Scenario, before: View, view: View, time: Array, tick: float) -> Array:
+    """[1 + N_r, N_o] bool: the body moved during the tick that ended at `time`, or the obstacle did not."""
+    old, new = _bodies(scenario, before), _bodies(scenario, view)
+    squared = [jnp.max(jnp.sum((b - a) ** 2, axis=-1), axis=-1) for a, b in zip(old, new, strict=True)]
+    moved = jnp.concatenate([squared[0][None], squared[1]]) > (STILL * tick) ** 2
+    way = scenario.obstacles.at(time) - scenario.obstacles.at(time - tick)
+    # Positions far away are rounded; anything that moves at all covers more than a micrometre a tick.
+    stood = jnp.sum(way * way, axis=-1) <= 1e-12
+    return moved[:, None] | stood[None, :]
 
 
 @pytree
@@ -94,6 +129,10 @@ class Tally:
     """Running figures of an episode."""
 
     least: Clearances
+    apart: Array
+    """[1 + N_r, N_o] m, distances of object and robots to the obstacles now"""
+    to_blame: Array
+    """[] bool, some overlap began or grew while the body itself moved"""
     within_since: Array
     """[] s, since when the object is within the tolerances (NaN: it is not)"""
     max_force: Array
@@ -117,6 +156,8 @@ def start_tally(scenario: Scenario) -> Tally:
     none = jnp.zeros_like(scenario.team.offset)
     return Tally(
         least=Clearances(far, far, far),
+        apart=jnp.full((1 + none.shape[0], scenario.obstacles.mask.shape[0]), CLEAR, zero.dtype),
+        to_blame=jnp.zeros((), bool),
         within_since=zero + jnp.nan,
         max_force=zero,
         way=zero,
@@ -141,17 +182,21 @@ def count(
     scenario: Scenario,
     before: View,
     view: View,
+    apart: Array,
     least: Clearances,
     status: Array,
     time: Array,
     tick: float,
 ) -> Tally:
-    """Figures after one tick that ended at `time` in the state `view`."""
+    """Figures after one tick that ended at `time` in the state `view`, `apart` [1 + N_r, N_o] m from the obstacles."""
     distance, turn = goal_errors(scenario, view.pose)
     within = (distance <= scenario.goal.position_tolerance) & (turn <= scenario.goal.heading_tolerance)
     since = jnp.where(jnp.isnan(tally.within_since), time, tally.within_since)
+    deeper = (apart < 0.0) & (apart < tally.apart)
     return Tally(
         least=jax.tree.map(jnp.minimum, tally.least, least),
+        apart=apart,
+        to_blame=tally.to_blame | jnp.any(deeper & _moved_into(scenario, before, view, time, tick)),
         within_since=jnp.where(within, since, jnp.nan),
         max_force=jnp.maximum(tally.max_force, jnp.max(view.force)),
         way=tally.way + jnp.sqrt(jnp.sum((view.pose[:2] - before.pose[:2]) ** 2)),
@@ -170,6 +215,7 @@ def summarise(tally: Tally, scenario: Scenario, view: View, psi: Array) -> Outco
     distance, turn = goal_errors(scenario, view.pose)
     reached = (scenario.duration - tally.within_since >= HOLD - 1e-3) & ~tally.fell
     least = tally.least
+    collided = jnp.minimum(jnp.minimum(least.object, least.robots), least.team) < 0.0
     return Outcome(
         reached=reached,
         reach_time_s=jnp.where(reached, tally.within_since, jnp.nan),
@@ -178,7 +224,8 @@ def summarise(tally: Tally, scenario: Scenario, view: View, psi: Array) -> Outco
         min_object_clearance_m=least.object,
         min_robot_clearance_m=least.robots,
         min_team_clearance_m=least.team,
-        collided=jnp.minimum(jnp.minimum(least.object, least.robots), least.team) < 0.0,
+        collided=collided,
+        run_over=collided & ~tally.to_blame & (least.team >= 0.0),
         fell=tally.fell,
         contact_lost=jnp.max(tally.lost / jnp.maximum(tally.touched, 1e-6)),
         max_force_n=tally.max_force,

@@ -11,6 +11,7 @@ os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1]
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 
 import jax
+import numpy as np
 import pytest
 
 from jaxlocomanip.build import build
@@ -64,5 +65,67 @@ def make_scenario():
 
     def make(index=0, **tables):
         return build(parse_scenario(SMALL | tables), index)
+
+    return make
+
+
+STUDY = """
+name = "tiny"
+count = 10
+duration = 0.4
+chunk = 4
+[object]
+mass = 6.0
+[truth]
+mass_ratio = { uniform = [0.5, 2.0] }
+friction = { uniform = [0.15, 0.4] }
+[goal]
+distance = { uniform = [0.5, 2.0] }
+bearing = { uniform = [0.1, 0.9] }
+[team]
+types = { choice = ["aliengo", "a1"] }
+[obstacles]
+count = { integer = [0, 2] }
+half_size = 0.2
+along = { uniform = [0.0, 2.0] }
+lateral = { uniform = [-1.5, 1.5] }
+[motion]
+count = { integer = [0, 1] }
+heading = { uniform = [-3.0, 3.0] }
+[sensing]
+position_std = 0.002
+"""
+
+
+@pytest.fixture(scope="session")
+def tiny_study():
+    """Text of a study of short episodes; tests that run it share its chunk and so its compilation."""
+    return STUDY
+
+
+@pytest.fixture(scope="session")
+def quick_config():
+    """Planner settings, as a file's text, that compile and run faster than the preset."""
+    return 'preset = "robust"\n[horizon]\nsteps = 5\n'
+
+
+@pytest.fixture(scope="session")
+def made_up_columns(tiny_study):
+    """A function: columns of a sweep of the tiny study whose outcomes are given, field by field [n]."""
+    from jaxlocomanip.outcome import Outcome
+    from jaxlocomanip.sampling.sampler import draw
+    from jaxlocomanip.sampling.study import parse_study
+    from jaxlocomanip.sweep import rows
+
+    def make(count=10, variants=(), **changes):
+        study = parse_study(tiny_study + "".join(f'[[variants]]\nname = "{name}"\n' for name in variants))
+        lanes = [draw(study, 0, lane) for lane in range(count)]
+        values = {name: np.full(count, 0.1, np.float32) for name in Outcome.__dataclass_fields__}
+        flags = dict.fromkeys(("reached", "collided", "run_over", "fell"), np.zeros(count, bool))
+        counts = {"ticks": np.full(count, 20), "nonfinite": np.zeros(count, int), "converged": np.full(count, 19)}
+        whole = values | flags | {"reached": np.ones(count, bool)} | counts
+        whole |= {"estimates": np.ones((count, 6), np.float32)} | changes
+        parts = [rows.columns(study, number, lanes, Outcome(**whole)) for number in range(len(study.variants))]
+        return {name: [value for part in parts for value in part[name]] for name in parts[0]}
 
     return make

@@ -18,6 +18,7 @@ OUTSIDE_CORE = (
     "worlds.quadruped",
     "worlds.legged",
     "recording",
+    "commands",
     "cli",
 )
 
@@ -75,9 +76,14 @@ def test_rooms_that_import_only(room, allowed):
 @pytest.mark.parametrize(
     ("room", "refused"),
     [
-        ("planner", ("closed_loop", "outcome", "worlds", "recording", "cli")),
-        ("worlds", ("planner", "solver", "closed_loop", "outcome", "recording", "cli")),
-        ("closed_loop", ("recording", "cli")),
+        ("planner", ("closed_loop", "outcome", "worlds", "sampling", "sweep", "recording", "commands", "cli")),
+        (
+            "worlds",
+            ("planner", "solver", "closed_loop", "outcome", "sampling", "sweep", "recording", "commands", "cli"),
+        ),
+        ("closed_loop", ("batch", "sampling", "sweep", "recording", "commands", "cli")),
+        ("sampling", ("planner", "solver", "worlds", "closed_loop", "batch", "sweep", "recording", "commands", "cli")),
+        ("batch", ("sampling", "sweep", "recording", "commands", "cli")),
     ],
 )
 def test_rooms_that_never_import(room, refused):
@@ -88,8 +94,8 @@ def test_rooms_that_never_import(room, refused):
 
 def test_nothing_sees_recording_and_cli():
     for path in FILES:
-        if not within(module_of(path), ("recording", "cli", "__main__")):
-            assert not {n for n in rooms_used(path) if within(n, ("recording", "cli"))}, path.name
+        if not within(module_of(path), ("recording", "commands", "cli", "__main__")):
+            assert not {n for n in rooms_used(path) if within(n, ("recording", "commands", "cli"))}, path.name
 
 
 def test_core_needs_no_viewer_and_no_physics_engine():

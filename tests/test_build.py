@@ -1,14 +1,15 @@
 """From a checked scenario to arrays: geometry, moments, padding, and what does not fit together."""
 
-import math
-
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxlocomanip.build import build, covering_discs, footprint_moments
+from jaxlocomanip import library
+from jaxlocomanip.build import build, build_on_host, robot_rectangles
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.planar.dynamics import GRAVITY
+from jaxlocomanip.planar.geometry import rectangle
 from jaxlocomanip.scenario import stack
 from jaxlocomanip.specification import parse_scenario
 
@@ -19,7 +20,6 @@ MINIMAL = {
     "goal": {"pose": [1.0, 0.0, 0.0]},
     "robots": [{"type": "a1", "face": "-x"}],
 }
-SQUARE = np.array([[-0.25, -0.25], [0.25, -0.25], [0.25, 0.25], [-0.25, 0.25]])
 
 
 def made(**groups):
@@ -31,28 +31,6 @@ def refusal(**groups):
         made(**groups)
     assert "\n" not in str(caught.value)
     return str(caught.value)
-
-
-def test_moments_of_a_square():
-    moments = footprint_moments(SQUARE)
-    assert moments.centroid == pytest.approx(np.zeros(2), abs=1e-12)
-    assert moments.radius_of_gyration**2 == pytest.approx(0.5**2 / 6, rel=1e-3)
-    # mean distance from the centre of a square of side a: a (sqrt 2 + asinh 1) / 6
-    assert moments.mean_radius == pytest.approx(0.5 * (math.sqrt(2) + math.asinh(1)) / 6, rel=1e-3)
-
-
-def test_moments_of_a_triangle_off_the_origin():
-    moments = footprint_moments(np.array([[1.0, 1.0], [4.0, 1.0], [1.0, 4.0]]))
-    assert moments.centroid == pytest.approx([2.0, 2.0], abs=0.02)
-
-
-@pytest.mark.parametrize("size", [(0.5, 0.5), (0.5, 0.6), (1.5, 0.5), (0.3, 2.0)])
-def test_discs_cover_the_footprint(size):
-    polygon = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array(size) / 2
-    centers, radii = covering_discs(polygon)
-    inside = np.random.default_rng(0).uniform(-0.5, 0.5, (2000, 2)) * size
-    gaps = np.linalg.norm(inside[:, None] - centers[None], axis=2) - radii
-    assert gaps.min(axis=1).max() <= 1e-9
 
 
 def test_truth_is_the_belief_where_nothing_is_said():
@@ -156,3 +134,20 @@ def test_scenarios_of_different_layouts_stack():
 )
 def test_what_does_not_fit_together_is_refused(groups, expected):
     assert refusal(**groups).startswith(expected)
+
+
+@pytest.mark.parametrize("name", library.names())
+def test_on_the_host_the_arrays_are_the_same(name):
+    spec = library.load(name)
+    pairs = zip(jax.tree.leaves(build(spec, 3)), jax.tree.leaves(build_on_host(spec, 3)), strict=True)
+    for device, host in pairs:
+        assert isinstance(host, np.ndarray) and isinstance(device, jax.Array)
+        assert host.dtype == device.dtype and np.array_equal(host, device)
+
+
+@pytest.mark.usefixtures("x64")
+def test_robots_stand_where_the_arrays_say():
+    spec = parse_scenario(MINIMAL | {"robots": [{"type": "a1", "face": "-y", "offset": 0.1}]})
+    team, pose = build(spec).team, jnp.array([1.0, 2.0, 0.5])
+    expected = rectangle(team.robot_poses(pose, team.offset)[0], team.half_length[0], team.half_width[0])
+    assert robot_rectangles(spec, pose, [0.1])[0] == pytest.approx(np.asarray(expected), abs=1e-12)

@@ -1,5 +1,6 @@
 """The command line: refusals before any compilation, what it leaves behind, and how it is stopped."""
 
+import importlib.util
 import json
 import os
 import re
@@ -10,9 +11,11 @@ import numpy as np
 import pytest
 
 from jaxlocomanip import cli, closed_loop, library
+from jaxlocomanip.commands import simulate
 from jaxlocomanip.config_file import FEATURES, load_config, without
 from jaxlocomanip.outcome import CLEAR, Outcome
 from jaxlocomanip.planner.presets import preset
+from jaxlocomanip.sampling import study
 
 SCENARIO = """
 name = "small"
@@ -106,6 +109,18 @@ def test_bad_scenarios_are_refused_in_one_line(capsys, place, old, new, expected
         ("simulate adaptive --recrd", "unrecognized arguments: --recrd"),
         ("simulate", "the following arguments are required: SCENARIO"),
         ("simulat adaptive", "argument COMMAND: invalid choice: 'simulat'"),
+        ("sweep standrd --out x", "study = 'standrd': must be a file or one of .*; did you mean 'standard'\\?"),
+        ("sweep missing.toml --out x", "missing.toml: cannot be read \\(No such file or directory\\)"),
+        ("sweep standard", "the following arguments are required: --out"),
+        ("sweep standard --out x --count 0", "argument --count: '0' must be a whole number from 1 to 10000000"),
+        ("sweep standard --out x --world planr", "world = 'planr': must be .*; did you mean 'planar'\\?"),
+        ("sweep standard --out x --config papr", "config = 'papr': must be .*; did you mean 'paper'\\?"),
+        ("sweep standard --out x --without path --without cfl", "without = 'cfl': .*; did you mean 'clf'\\?"),
+        ("sweep standard --out x --workers dask", "workers = 'dask': must be ray, or ray:N with N from 1 to 10000"),
+        ("sweep standard --out x --workers ray:0", "workers = 'ray:0': must be ray, or ray:N"),
+        ("sweep standard --out file", "file: cannot be used as output directory \\(it is a file\\)"),
+        ("report x", "x/manifest.json: cannot be read .*; is x the --out of a sweep\\?"),
+        ("report x --worst 0", "argument --worst: '0' must be a whole number from 1"),
         ("", "the following arguments are required: COMMAND"),
     ],
 )  # fmt: skip
@@ -125,12 +140,12 @@ def test_bad_settings_are_refused_in_one_line(capsys, place):
 @pytest.fixture
 def no_viewers(monkeypatch):
     """An installation without the view extra."""
-    find_spec = cli.importlib.util.find_spec
+    find_spec = importlib.util.find_spec
 
     def find(name, *rest):
         return None if name in ("rerun", "matplotlib") else find_spec(name, *rest)
 
-    monkeypatch.setattr(cli.importlib.util, "find_spec", find)
+    monkeypatch.setattr(importlib.util, "find_spec", find)
 
 
 @pytest.mark.usefixtures("no_compilation", "no_viewers")
@@ -141,7 +156,7 @@ def test_recording_needs_the_view_extra(capsys):
 def made_up_outcome(**changes):
     values = dict.fromkeys(Outcome.__dataclass_fields__, np.float32(0.1))
     counts = {"ticks": 20, "nonfinite": 0, "converged": 19}
-    flags = {"reached": np.bool_(False), "collided": np.bool_(False), "fell": np.bool_(False)}
+    flags = dict.fromkeys(("reached", "collided", "run_over", "fell"), np.bool_(False))
     nothing = {"reach_time_s": np.float32(np.nan), "min_team_clearance_m": np.float32(CLEAR)}
     psi = np.array([8.0, 1.0, 0.8, -0.4, 30.0, 3.0], np.float32)
     return Outcome(**(values | counts | flags | nothing | {"estimates": psi} | changes))
@@ -199,10 +214,11 @@ def test_one_short_run_leaves_everything(capsys, place):
     assert record["compile_s"] > 0.0 and record["run_s"] > 0.0
 
 
-def test_list_names_every_scenario(capsys):
+def test_list_names_every_scenario_and_study(capsys):
     assert cli.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == list(library.names())
+    groups = [[*library.names()], [*study.names()]]
+    assert [line.split()[0] for line in lines] == ["scenarios", *groups[0], "studies", *groups[1]]
 
 
 def test_help_names_every_world_feature_and_preset(capsys):
@@ -216,6 +232,7 @@ def test_help_names_every_world_feature_and_preset(capsys):
 def test_help_and_most_refusals_do_not_wait_for_jax():
     code = (
         "import sys; from jaxlocomanip import cli; cli.main(['list']); cli.main(['simulate', 'adaptve']); "
+        "cli.main(['sweep', 'standrd', '--out', 'x']); cli.main(['report', 'x', '--worst', '0']); "
         "sys.exit('jax' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0
@@ -257,6 +274,6 @@ def test_presets_are_written_as_they_are(place, monkeypatch):
     monkeypatch.setattr(
         closed_loop, "compiled", lambda *_, **__: lambda seed: closed_loop.Result(made_up_outcome(), None)
     )
-    monkeypatch.setattr(cli, "_show", lambda *_: None)
+    monkeypatch.setattr(simulate, "_show", lambda *_: None)
     assert cli.main(["simulate", "adaptive", "--config", "paper"]) == 0
     assert load_config(place / "out" / "config.toml") == preset("paper")

@@ -156,6 +156,7 @@ def test_unknown_world_is_refused(batch):
         simulate(batch[0], CONFIG, world="plannar")
 
 
+@pytest.mark.slow
 def test_single_precision_has_no_nan(scenarios):
     result = simulate(lane(scenarios(), 2), CONFIG)
     assert all(leaf.dtype in (np.float32, np.int32, np.bool_) for leaf in leaves(result.log))
@@ -226,6 +227,7 @@ def test_single_precision_has_no_nan_over_many_scenarios(make_scenario):
     assert (result.outcome.ticks == 1000).all()
 
 
+@pytest.mark.slow
 def test_lanes_that_rest_are_skipped_without_a_difference(make_scenario):
     """One lane is at its goal from the start, the other on its way: skipping changes neither."""
     near = make_scenario(duration=2.0, goal={"pose": [0.02, 0.0, 0.0]})

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 import jaxlocomanip
-from jaxlocomanip import checked, closed_loop, library, outcome, scenario, specification
+from jaxlocomanip import batch, checked, closed_loop, library, outcome, scenario, specification
 from jaxlocomanip.build import build
 from jaxlocomanip.planner import config, presets
+from jaxlocomanip.sampling import sampler, study
 from jaxlocomanip.specification import ScenarioSpec, parse_scenario
 
 ROOT = Path(__file__).parents[1]
@@ -25,12 +26,16 @@ HOMES = {
     "Result": closed_loop.Result,
     "Scenario": scenario.Scenario,
     "ScenarioSpec": specification.ScenarioSpec,
+    "Study": study.Study,
     "build_scenario": build,
     "compiled": closed_loop.compiled,
     "find_scenario": library.find,
+    "find_study": study.find_study,
     "load_scenario": specification.load_scenario,
     "parse_scenario": specification.parse_scenario,
     "preset": presets.preset,
+    "run_batch": batch.run,
+    "sample_scenario": sampler.sample,
     "simulate": closed_loop.simulate,
     "stack": scenario.stack,
 }

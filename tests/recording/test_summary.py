@@ -11,7 +11,7 @@ from jaxlocomanip.recording import summary
 
 def outcome(**changes):
     values = dict.fromkeys(Outcome.__dataclass_fields__, np.float32(0.1))
-    flags = {"reached": np.bool_(True), "collided": np.bool_(False), "fell": np.bool_(False)}
+    flags = dict.fromkeys(("collided", "run_over", "fell"), np.bool_(False)) | {"reached": np.bool_(True)}
     counts = {"ticks": np.int32(200), "nonfinite": np.int32(0), "converged": np.int32(150)}
     psi = np.array([8.0, 1.0, 0.8, -0.4, 30.0, 3.0], np.float32)
     return Outcome(**(values | flags | counts | {"estimates": psi} | changes))

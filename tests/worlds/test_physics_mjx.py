@@ -174,6 +174,7 @@ def test_object_sticks_and_slides_as_its_friction_says(make_scenario):
     assert moved[1] < -0.5 * 30e-3
 
 
+@pytest.mark.slow
 def test_polygons_of_unlike_size_in_one_batch(make_scenario):
     """Hexagons are meshes, whose vertices MJX keeps in the model: each lane must collide with its own."""
     robots = [{"type": "go1", "face": 3}]

@@ -1,0 +1,48 @@
+"""Arguments that several commands share, and their progress."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+SEED_LIMIT = 2**32 - 1
+"""largest seed"""
+
+
+def seed(text: str) -> int:
+    """A seed, for argparse."""
+    return whole(text, 0, SEED_LIMIT)
+
+
+def positive(text: str) -> int:
+    """A count, for argparse."""
+    return whole(text, 1, 10**7)
+
+
+def whole(text: str, low: int, high: int) -> int:
+    """A whole number in a range, for argparse."""
+    if not text.isascii() or not text.isdigit() or len(text) > 10 or not low <= int(text) <= high:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a whole number from {low} to {high}")
+    return int(text)
+
+
+def add_backend(parser: argparse.ArgumentParser) -> None:
+    """`--backend`."""
+    parser.add_argument("--backend", help="physics of the quadruped world: c (MuJoCo) or mjx (for batches)")
+
+
+def add_planner(parser: argparse.ArgumentParser) -> None:
+    """`--config` and `--without`."""
+    parser.add_argument("--config", default="robust", help="planner settings: robust (default), paper, or a TOML file")
+    parser.add_argument(
+        "--without",
+        action="append",
+        default=[],
+        metavar="FEATURE",
+        help="switch off adaptation, robot-cbf, object-cbf, clf, path or filter; may be repeated",
+    )
+
+
+def say(text: str) -> None:
+    """Progress, visible at once."""
+    print(text, end="", file=sys.stderr, flush=True)

@@ -1,0 +1,1 @@
+"""Random scenarios: distributions declared as data, drawn lane by lane, checked for what no planner could do."""

@@ -1,0 +1,152 @@
+"""Scenarios that no planner could solve, found before they are simulated.
+
+Only the impossible is rejected, and each rejection has a reason that is counted:
+
+- `capacity`: the team cannot push the object straight towards the goal with more than its sliding friction, whatever
+  heading between the start's and the goal's it has. The set of directions that a team can move a sliding object in at
+  one heading is convex, so a detour does not help.
+- `start`: an obstacle overlaps the object or a robot at t = 0.
+- `goal`: standing obstacles, or moving ones during the last seconds that count, leave no pose within the goal's
+  tolerances (and no contact offsets) at which object and robots are clear of them.
+- `contact`: the robots' contact offsets at the start are off their faces or in each other's way.
+- `blocked`: standing obstacles enclose the start or the goal, or leave only corridors narrower than what the team
+  sweeps over, for a team that can push but not pull (`passage`).
+
+Moving obstacles make a scenario impossible only where they stand at the start or pass the goal at the end. Not rejected
+is, among others, one in which a moving obstacle runs over a team that has no way out: see `Outcome.run_over`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxlocomanip.build import CONTACT_MARGIN, build_on_host, face_index, inward_normals, robot_rectangles
+from jaxlocomanip.checked import InputError
+from jaxlocomanip.footprint import padded, placed, polygon_gap
+from jaxlocomanip.obstacles import corners_at, moves, position_at
+from jaxlocomanip.planar.dynamics import GRAVITY
+from jaxlocomanip.robots.model import load_robot
+from jaxlocomanip.sampling.passage import blocked
+from jaxlocomanip.scenario import Scenario
+from jaxlocomanip.specification import ScenarioSpec
+
+Floats = NDArray[np.floating[Any]]
+
+REASONS = ("capacity", "start", "goal", "contact", "blocked")
+"""Why scenarios are rejected."""
+PUSH_RESERVE = 1.05
+"""largest push over sliding friction that a team needs at least; with exactly 1 it gets nowhere in finite time"""
+GOAL_SLACK = 0.02
+"""m, overlap at the goal that is forgiven, since only some of the tolerated poses are tried"""
+END = 2.0
+"""s before the end during which the object has to be at the goal (`outcome.HOLD`)"""
+
+
+def judged(spec: ScenarioSpec, index: int) -> Scenario | str:
+    """The arrays of a scenario, or the reason why no planner could solve it; the cheapest checks come first."""
+    if capacity(spec) < PUSH_RESERVE * _friction(spec):
+        return "capacity"
+    try:
+        scenario = build_on_host(spec, index)
+    except InputError as error:
+        # Of the refusals of `build`, those about obstacles and the goal name them first.
+        field = str(error)
+        return "start" if field.startswith("obstacles") else "goal" if field.startswith("goal") else "contact"
+    if _no_room_at_goal(spec):
+        return "goal"
+    return "blocked" if blocked(spec) else scenario
+
+
+def _friction(spec: ScenarioSpec) -> float:
+    """N, true sliding friction."""
+    coefficient = spec.object.friction if spec.truth.friction is None else spec.truth.friction
+    mass = spec.object.mass if spec.truth.mass is None else spec.truth.mass
+    return (coefficient or 0.0) * mass * GRAVITY
+
+
+def capacity(spec: ScenarioSpec) -> float:
+    """N, the largest push that the team can exert straight towards the goal, at the best heading on the way there."""
+    way = np.array(spec.goal.pose[:2]) - np.array(spec.start[:2])
+    length = math.hypot(*way)
+    if length < spec.goal.position_tolerance:
+        return math.inf
+    turn = math.remainder(spec.goal.pose[2] - spec.start[2], 2.0 * math.pi)
+    headings = spec.start[2] + turn * np.linspace(0.0, 1.0, 1 + math.ceil(abs(turn) / 0.1))
+    bearing = math.atan2(way[1], way[0])
+    directions = np.stack([np.cos(bearing - headings), np.sin(bearing - headings)], axis=1)
+    normals = inward_normals(np.array(spec.object.footprint))[[face_index(robot.face) for robot in spec.robots]]
+    forces = np.array([load_robot(robot.type).push_force_max for robot in spec.robots])
+    return float(_reach(normals, forces, directions).max())
+
+
+def _reach(normals: Floats, forces: Floats, directions: Floats) -> Floats:
+    """[n] N, how far the sum of pushes 0 <= f_i <= F_i along normals [N_r, 2] reaches in unit directions [n, 2].
+
+    That sum is a zonotope, which its supporting half-planes m . w <= h(m) bound; those with a side along or across one
+    of the normals include all of its faces.
+    """
+    across = np.stack([-normals[:, 1], normals[:, 0]], axis=1)
+    planes = np.concatenate([normals, -normals, across, -across])
+    support = np.maximum(planes @ normals.T, 0.0) @ forces
+    rate = directions @ planes.T
+    rate, support = np.broadcast_arrays(rate, support)
+    return np.where(rate > 1e-9, support / np.where(rate > 1e-9, rate, 1.0), np.inf).min(axis=1)
+
+
+def _at_the_end(spec: ScenarioSpec) -> tuple[Floats, Floats]:
+    """Corners [n, V, 2] and radii [n] of obstacles near the goal over the last seconds."""
+    shapes, radii = [], []
+    bodies = [np.array(spec.object.footprint), *robot_rectangles(spec, (0.0, 0.0, 0.0), [0.0] * len(spec.robots))]
+    # A robot may stand beside the middle of its face, by half the face at most.
+    reach = 1.5 * max(np.linalg.norm(body, axis=1).max() for body in bodies) + spec.goal.position_tolerance
+    for obstacle in spec.obstacles:
+        times = np.linspace(max(spec.duration - END, 0.0), spec.duration, 11) if moves(obstacle) else [0.0]
+        for time in times:
+            size = obstacle.radius + float(np.linalg.norm(obstacle.vertices, axis=1).max())
+            if math.dist(position_at(obstacle, float(time)), spec.goal.pose[:2]) < reach + size:
+                shapes.append(corners_at(obstacle, float(time)))
+                radii.append(obstacle.radius)
+    return padded(shapes) if shapes else np.zeros((0, 1, 2)), np.array(radii)
+
+
+def _no_room_at_goal(spec: ScenarioSpec) -> bool:
+    shapes, radii = _at_the_end(spec)
+    footprint = np.array(spec.object.footprint)
+    nominal = [footprint, *robot_rectangles(spec, (0.0, 0.0, 0.0), [0.0] * len(spec.robots))]
+    goal = np.array([spec.goal.pose])
+    if all(_clear(placed(goal, body[None]), shapes, radii).all() for body in nominal):
+        return False
+    lengths = np.linalg.norm(np.roll(footprint, -1, axis=0) - footprint, axis=1)
+    limits = lengths[[face_index(robot.face) for robot in spec.robots]] / 2.0 - CONTACT_MARGIN
+    ways = [robot_rectangles(spec, (0.0, 0.0, 0.0), part * limits) for part in (0.0, -0.5, 0.5, -1.0, 1.0)]
+
+    def room(poses: Floats) -> bool:
+        poses = poses[_clear(placed(poses, footprint[None]), shapes, radii)]
+        for robot in range(len(spec.robots)):
+            # Offsets are each robot's own choice: it needs one of them to be clear.
+            clear = np.zeros(len(poses), bool)
+            for way in ways:
+                clear[~clear] = _clear(placed(poses[~clear], way[robot][None]), shapes, radii)
+            poses = poses[clear]
+        return len(poses) > 0
+
+    return not any(room(poses) for poses in _tolerated(spec))
+
+
+def _tolerated(spec: ScenarioSpec) -> Floats:
+    """[turns, places, 3] poses that cover the goal's tolerances, those with its own heading first."""
+    radius, turn = spec.goal.position_tolerance, spec.goal.heading_tolerance
+    angles = np.arange(12) * math.pi / 6.0
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    places = np.array(spec.goal.pose[:2]) + radius * np.concatenate([np.zeros((1, 2)), 0.5 * ring, ring])
+    headings = [np.full((len(places), 1), spec.goal.pose[2] + turn * part) for part in (0.0, -0.5, 0.5, -1.0, 1.0)]
+    return np.stack([np.concatenate([places, heading], axis=1) for heading in headings])
+
+
+def _clear(bodies: Floats, shapes: Floats, radii: Floats) -> NDArray[np.bool_]:
+    """[n] whether bodies [n, V, 2] overlap none of the shapes by more than the slack."""
+    return np.all(polygon_gap(bodies[:, None], shapes[None], radii) > -GOAL_SLACK, axis=1)

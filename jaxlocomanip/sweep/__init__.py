@@ -1,0 +1,1 @@
+"""Studies run over thousands of scenarios: chunks, results as tables, statistics."""
