@@ -146,7 +146,7 @@ def worst_table(rows: Results, directory: str) -> str:
     """The rows with what went wrong and the command that replays each of them."""
     words = ["-", "not reached", "collided", "fell", "non-finite"]
     grade, _ = badness(rows)
-    lines = [["lane", "variant", "what", "object m", "robots m", "off m", "off rad", "replay"]]
+    lines = [["lane", "variant", "what", "object m", "robots m", "team m", "off m", "off rad", "replay"]]
     for i, kind in enumerate(grade.tolist()):
         what = "run over" if kind == 2 and rows["run_over"][i] else words[kind]
         lane, variant = int(rows["lane"][i]), rows["variant"][i]
@@ -156,6 +156,7 @@ def worst_table(rows: Results, directory: str) -> str:
             for name in (
                 "min_object_clearance_m",
                 "min_robot_clearance_m",
+                "min_team_clearance_m",
                 "final_position_error_m",
                 "final_heading_error_rad",
             )
