@@ -71,9 +71,7 @@ class Runner:
         Raises:
           InputError: unknown world or backend.
         """
-        self._alone = backend == "c"
-        self._name, self._backend = world, backend
-        self._world = load_world(world, backend, batched=not self._alone) if isinstance(world, str) else world
+        self._world = load_world(world, backend, batched=backend != "c") if isinstance(world, str) else world
         self.devices = list(jax.local_devices() if devices is None else devices)
         self._mesh = Mesh(np.array(self.devices), (AXIS,))
         self._programs: dict[Any, Compiled] = {}
@@ -97,7 +95,7 @@ class Runner:
         """
         if len(scenarios) > shape.lanes:
             raise InputError(f"scenarios: {len(scenarios)} do not fit into a chunk of {shape.lanes}")
-        if self._alone:
+        if not self._world.traceable:
             return self._one_by_one(scenarios, config, seed, shape.padding)
         lanes = math.ceil(shape.lanes / len(self.devices)) * len(self.devices)
         full = [*scenarios, *[scenarios[-1]] * (lanes - len(scenarios))]
@@ -128,9 +126,7 @@ class Runner:
         """A world that is stepped outside of compiled programs has no batches; its planner still compiles once."""
         batch = stack_on_host(scenarios, padding)
         lanes = [jax.tree.map(lambda leaf, k=k: leaf[k], batch) for k in range(len(scenarios))]
-        outcomes = [
-            compiled(lane, config, self._name, backend=self._backend, record=False)(seed).outcome for lane in lanes
-        ]
+        outcomes = [compiled(lane, config, self._world, record=False)(seed).outcome for lane in lanes]
         return jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *outcomes)
 
 

@@ -21,26 +21,20 @@ from jax import Array
 
 from jaxlocomanip import loop as closing
 from jaxlocomanip.checked import InputError, one_of
-from jaxlocomanip.loop import Log, Loop
-from jaxlocomanip.numerics import pytree, select
-from jaxlocomanip.outcome import Outcome, summarise
+from jaxlocomanip.hosted import compiled_on_host
+from jaxlocomanip.loop import Log, Loop, Result
+from jaxlocomanip.numerics import select
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.scenario import Scenario
-from jaxlocomanip.worlds.interface import World
+from jaxlocomanip.worlds.interface import View, World
 from jaxlocomanip.worlds.planar import PlanarWorld
 
 WORLDS: tuple[str, ...] = ("planar", "quadruped")
 """Worlds by name."""
 BACKENDS: tuple[str, ...] = ("c", "mjx")
 """Physics of the quadruped world: MuJoCo's own (one scenario, fast on a CPU), or MJX (batches in one program)."""
-
-
-@pytree
-class Result:
-    """Outcome and, if recorded, the trajectory."""
-
-    outcome: Outcome
-    log: Log | None
+_Carry = tuple[Loop, Any, View]
+"""What an episode carries from tick to tick: loop, state of the world, and how it looks."""
 
 
 def simulate(
@@ -85,9 +79,7 @@ def compiled(
     chosen = load_world(world, backend, batched) if isinstance(world, str) else world
     behind = chosen.prepare(scenarios)
     ticks = math.ceil(float(np.max(np.asarray(scenarios.duration))) / settings.horizon.tick - 1e-6)
-    if not getattr(behind, "traceable", True):
-        from jaxlocomanip.hosted import compiled_on_host
-
+    if not behind.traceable:
         return compiled_on_host(scenarios, settings, behind, ticks, record)
     function = _batch if batched else _single
     program = function.lower(scenarios, settings, jax.random.key(0), behind, ticks, record).compile()
@@ -144,38 +136,29 @@ def episode(scenario: Scenario, config: PlannerConfig, key: Array, world: World,
       record: keep the trajectory.
     """
     state = world.start(scenario)
-    loop = closing.begin(scenario, config, key, world.view(state, scenario))
-    per_block = ticks_per_search(config)
+    view = world.view(state, scenario)
+    loop = closing.begin(scenario, config, key, view)
+    per_block = closing.ticks_per_search(config)
 
-    def tick(carry: tuple[Loop, Any], _: None) -> tuple[tuple[Loop, Any], Log | None]:
-        loop, state = carry
-        view = world.view(state, scenario)
+    def tick(carry: _Carry, _: None) -> tuple[_Carry, Log | None]:
+        loop, state, view = carry
         decision = closing.decide(loop, view, scenario, config, key, record)
         new = world.step(state, scenario, decision.push, loop.tick * config.horizon.tick, config.horizon.tick)
-        loop, moves = closing.settle(loop, decision, view, world.view(new, scenario), scenario, config)
-        return (loop, select(moves, new, state)), decision.row
+        after = world.view(new, scenario)
+        loop, moves = closing.settle(loop, decision, view, after, scenario, config)
+        return (loop, *select(moves, (new, after), (state, view))), decision.row
 
-    def block(carry: tuple[Loop, Any], _: None) -> tuple[tuple[Loop, Any], tuple[Log | None, Array, Array]]:
-        loop, state = carry
+    def block(carry: _Carry, _: None) -> tuple[_Carry, tuple[Log | None, Array, Array]]:
+        loop, state, view = carry
         started = loop.tick * config.horizon.tick
         loop = closing.replan(loop, scenario, config)
-        carry, rows = jax.lax.scan(tick, (loop, state), None, length=per_block)
+        carry, rows = jax.lax.scan(tick, (loop, state, view), None, length=per_block)
         return carry, (rows, loop.planner.path.poses, started)
 
     # Whole blocks, so that the tick is compiled once; ticks past the end are frozen and cut from the log.
     blocks = -(-ticks // per_block)
-    (loop, state), (rows, paths, path_times) = jax.lax.scan(block, (loop, state), None, length=blocks)
+    (loop, _, view), (rows, paths, path_times) = jax.lax.scan(block, (loop, state, view), None, length=blocks)
     log = jax.tree.map(lambda leaf: leaf.reshape(blocks * per_block, *leaf.shape[2:])[:ticks], rows)
     if log is not None:
         log = dataclasses.replace(log, path=paths, path_time=path_times)
-    return Result(finish(loop, scenario, world.view(state, scenario)), log)
-
-
-def ticks_per_search(config: PlannerConfig) -> int:
-    """Planner ticks between two searches of the path."""
-    return max(1, round(config.reference.replan / config.horizon.tick))
-
-
-def finish(loop: Loop, scenario: Scenario, view: Any) -> Outcome:
-    """The outcome of an episode that ended in the state `view`."""
-    return summarise(loop.tally, scenario, view, loop.planner.parameters.psi)
+    return Result(closing.finish(loop, scenario, view), log)

@@ -15,8 +15,7 @@ import numpy as np
 from jax import Array
 
 from jaxlocomanip import loop as closing
-from jaxlocomanip.closed_loop import Result, finish, ticks_per_search
-from jaxlocomanip.loop import Decision, Log, Loop
+from jaxlocomanip.loop import Decision, Log, Loop, Result
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.worlds.interface import View, World
@@ -31,7 +30,7 @@ def compiled_on_host(
     view = world.view(world.start(scenario), scenario)
     key = jax.random.key(0)
     loop = _begin(scenario, config, key, view)
-    _replan.lower(loop, scenario, config).compile()
+    loop = _replan(loop, scenario, config)
     decision = _decide(loop, view, scenario, config, key, record)
     _settle(loop, decision, view, view, scenario, config)
 
@@ -46,7 +45,7 @@ def _run(scenario: Scenario, config: PlannerConfig, world: World, key: Array, ti
     view = world.view(state, scenario)
     loop = _begin(scenario, config, key, view)
     rows, paths, path_times = [], [], []
-    period, per_block = config.horizon.tick, ticks_per_search(config)
+    period, per_block = config.horizon.tick, closing.ticks_per_search(config)
     moves = True
     for k in range(ticks):
         if k % per_block == 0:
@@ -64,7 +63,7 @@ def _run(scenario: Scenario, config: PlannerConfig, world: World, key: Array, ti
         loop, moved = _settle(loop, decision, view, after, scenario, config)
         moves = bool(moved)
         view = after if moves else view
-    outcome = finish(loop, scenario, view)
+    outcome = closing.finish(loop, scenario, view)
     if not record:
         return Result(outcome, None)
     log: Log = jax.tree.map(lambda *leaves: np.stack(leaves), *rows)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxlocomanip.numerics import all_finite, pytree, select
-from jaxlocomanip.outcome import Clearances, Tally, clearances, count, gaps, nearest, start_tally
+from jaxlocomanip.outcome import Clearances, Outcome, Tally, clearances, count, gaps, nearest, start_tally, summarise
 from jaxlocomanip.planner import nmpc
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.nmpc import Command, Measurement, PlannerState, Report, Task
@@ -50,6 +50,14 @@ class Log:
     """[T, 6] estimated Psi"""
     solver: Array
     """[T, 5] cost, defect, step, step length, status"""
+
+
+@pytree
+class Result:
+    """Outcome and, if recorded, the trajectory."""
+
+    outcome: Outcome
+    log: Log | None
 
 
 @pytree
@@ -165,3 +173,13 @@ def settle(
     alive = loop.alive & finite & ~(moves & jnp.any(after.fallen))
     # The tick is kept out of every selection, so that in a batch it stays one number for all lanes.
     return dataclasses.replace(new, alive=alive, tick=loop.tick + 1), moves
+
+
+def finish(loop: Loop, scenario: Scenario, view: View) -> Outcome:
+    """The outcome of an episode that ended in the state `view`."""
+    return summarise(loop.tally, scenario, view, loop.planner.parameters.psi)
+
+
+def ticks_per_search(config: PlannerConfig) -> int:
+    """Planner ticks between two searches of the path."""
+    return max(1, round(config.reference.replan / config.horizon.tick))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from jax import Array
 
@@ -62,6 +62,9 @@ class View:
 
 class World(Protocol):
     """A world stands behind the measurement: a pytree of whatever it needs to know, with a state of its own."""
+
+    traceable: ClassVar[bool]
+    """its functions can be compiled together with the planner; otherwise Python steps it, one scenario at a time"""
 
     def prepare(self, scenarios: Scenario) -> World:
         """The world made ready for scenarios, outside any compiled program; its leaves get their batch axis.

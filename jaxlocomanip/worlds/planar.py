@@ -7,6 +7,8 @@ along its face, limited by how fast it can walk sideways while the face itself m
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -37,6 +39,7 @@ class PlanarState:
 class PlanarWorld:
     """Implements `worlds.interface.World`."""
 
+    traceable: ClassVar[bool] = True
     substeps: int = static(4)
     """physics steps a tick"""
     force_lag: float = 0.05

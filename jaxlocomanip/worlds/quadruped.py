@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -129,6 +129,7 @@ def rates(tick: float, timestep: float) -> tuple[int, int, int]:
 class MjxWorld:
     """Implements `worlds.interface.World` inside compiled programs."""
 
+    traceable: ClassVar[bool] = True
     physics: Any = None
     robots: Robots | None = None
     timestep: float = static(TIMESTEP)
@@ -182,7 +183,7 @@ class MjxWorld:
 class CWorld:
     """Implements `worlds.interface.World` outside of compiled programs, for one scenario."""
 
-    traceable = False
+    traceable: ClassVar[bool] = False
 
     def __init__(self, timestep: float = TIMESTEP, mjcfs: tuple[str, ...] | None = None) -> None:
         self.timestep, self.mjcfs = timestep, mjcfs
