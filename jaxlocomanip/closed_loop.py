@@ -107,11 +107,12 @@ def load_world(name: str, backend: str | None, batched: bool) -> World:
         raise InputError("backend = 'c': steps one scenario at a time; use 'mjx' for a batch")
     try:
         from jaxlocomanip.worlds import quadruped
+
+        return quadruped.world(backend or ("mjx" if batched else "c"))
     except ModuleNotFoundError as missing:
         raise InputError(
             f"world = 'quadruped': needs the sim extra ({missing}): pip install \"jaxlocomanip[sim]\""
         ) from None
-    return quadruped.world(backend or ("mjx" if batched else "c"))
 
 
 @partial(jax.jit, static_argnames=("ticks", "record"))

@@ -1,6 +1,7 @@
-"""The quadruped world in closed loop: rates, view, and one scenario in MuJoCo C and in MJX, alone and in a batch."""
+"""The quadruped world in closed loop: view, and one scenario in MuJoCo C and in MJX, alone and in a batch."""
 
 import dataclasses
+import subprocess
 import sys
 
 import jax
@@ -27,22 +28,6 @@ def scenario(make_scenario):
 @pytest.fixture(scope="module")
 def result(scenario):
     return simulate(scenario, CONFIG, "quadruped", backend="c")
-
-
-@pytest.mark.parametrize(
-    ("tick", "expected"),
-    [(0.02, (2, 5, 2)), (0.01, (1, 5, 2)), (0.05, (5, 5, 2)), (0.006, (1, 3, 3)), (0.002, (1, 1, 10))],
-)
-def test_rates_fill_the_tick(tick, expected):
-    updates, hold, every = quadruped.rates(tick, 0.002)
-    assert (updates, hold, every) == expected
-    assert updates * hold * 0.002 == pytest.approx(tick)
-    assert 0.01 < every * hold * 0.002 < 0.03
-
-
-def test_a_tick_between_physics_steps_is_refused():
-    with pytest.raises(InputError, match="horizon.tick = 0.005: must be a multiple of the physics step, 0.002 s"):
-        quadruped.rates(0.005, 0.002)
 
 
 def test_robots_start_a_short_way_off_their_faces(scenario):
@@ -130,6 +115,17 @@ def test_without_mujoco_the_extra_is_named(scenario, monkeypatch):
         monkeypatch.delitem(sys.modules, name)
     with pytest.raises(InputError, match=r"jaxlocomanip\[sim\]"):
         load_world("quadruped", None, batched=False)
+
+
+def test_mujocos_own_physics_needs_no_mjx():
+    """MJX takes long to import; a single scenario in MuJoCo C is spared that."""
+    code = (
+        "import sys; from jaxlocomanip import build_scenario, find_scenario; "
+        "from jaxlocomanip.closed_loop import load_world; scenario = build_scenario(find_scenario('adaptive')); "
+        "load_world('quadruped', 'c', batched=False).prepare(scenario).start(scenario); "
+        "sys.exit('mujoco.mjx' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False, timeout=300).returncode == 0
 
 
 @pytest.fixture(scope="module")
