@@ -14,7 +14,6 @@ A missing table or key keeps the preset's value; an unknown one is refused.
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -22,6 +21,7 @@ from typing import Any, TypeVar, get_type_hints
 
 from jaxlocomanip import checked
 from jaxlocomanip.checked import InputError
+from jaxlocomanip.packaged import is_name
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.presets import PRESETS, preset
 from jaxlocomanip.specification import read_toml
@@ -134,12 +134,7 @@ def named_config(name: str) -> PlannerConfig:
     Raises:
       InputError: neither a preset nor a readable, correct file.
     """
-    if name in PRESETS:
-        return preset(name)
-    if name.endswith(".toml") or os.sep in name or Path(name).exists():
-        return load_config(name)
-    hint = checked.nearest(name, PRESETS)
-    raise InputError(f"config = {name!r}: must be a file or one of {', '.join(PRESETS)}{hint}")
+    return preset(name) if is_name("config", name, PRESETS) else load_config(name)
 
 
 def with_settings(config: PlannerConfig, settings: Mapping[str, Any]) -> PlannerConfig:

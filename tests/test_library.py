@@ -8,6 +8,7 @@ import pytest
 from jaxlocomanip import library
 from jaxlocomanip.build import build
 from jaxlocomanip.checked import InputError
+from jaxlocomanip.packaged import Files
 
 every_name = pytest.mark.parametrize("name", library.names())
 
@@ -59,7 +60,7 @@ def test_nobody_walks_faster_than_a_person(name):
 def test_find_takes_names_and_files(tmp_path):
     assert library.find("adaptive") == library.load("adaptive")
     path = tmp_path / "mine"
-    path.write_text((library._folder() / "people.toml").read_text())
+    path.write_text(Files("scenario", "scenarios").text("people"))
     assert library.find(str(path)) == library.load("people")
 
 

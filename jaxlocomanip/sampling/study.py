@@ -8,24 +8,23 @@ number of random draws at each of them, and the variants of the planner that are
 
 from __future__ import annotations
 
-import importlib.resources
 import itertools
-import os
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources.abc import Traversable
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from jaxlocomanip import checked
 from jaxlocomanip.checked import InputError, nearest
+from jaxlocomanip.packaged import Files, is_name
 from jaxlocomanip.sampling.distributions import Constant, Distribution, parse_distribution
 from jaxlocomanip.sampling.parameters import PARAMETERS
+from jaxlocomanip.specification import read_toml
 
 MOST_LANES = 10_000_000
 """scenarios of a study at most"""
+_STUDIES = Files("study", "studies")
 
 
 @dataclass(frozen=True)
@@ -91,8 +90,7 @@ class Study:
 
 def names() -> tuple[str, ...]:
     """Names of the studies that come with the package, in alphabetical order."""
-    files = (entry.name for entry in _folder().iterdir())
-    return tuple(sorted(name.removesuffix(".toml") for name in files if name.endswith(".toml")))
+    return _STUDIES.names()
 
 
 def describe(name: str) -> str:
@@ -101,7 +99,7 @@ def describe(name: str) -> str:
     Raises:
       InputError: unknown name.
     """
-    return _text(name).partition("\n")[0].removeprefix("#").strip()
+    return _STUDIES.describe(name)
 
 
 def find_study(name_or_path: str) -> Study:
@@ -110,19 +108,9 @@ def find_study(name_or_path: str) -> Study:
     Raises:
       InputError: neither a known name nor a readable, correct file.
     """
-    known = names()
-    if name_or_path in known:
-        return parse_study(_text(name_or_path), name_or_path)
-    if name_or_path.endswith(".toml") or os.sep in name_or_path or Path(name_or_path).exists():
-        try:
-            return parse_study(Path(name_or_path).read_text(encoding="utf-8"), name_or_path)
-        except OSError as error:
-            raise InputError(f"{name_or_path}: cannot be read ({error.strerror})") from error
-        except UnicodeDecodeError as error:
-            raise InputError(f"{name_or_path}: is not valid TOML ({error})") from error
-    raise InputError(
-        f"study = {name_or_path!r}: must be a file or one of {', '.join(known)}{nearest(name_or_path, known)}"
-    )
+    if is_name("study", name_or_path, names()):
+        return parse_study(_STUDIES.text(name_or_path), name_or_path)
+    return _of_file(read_toml(name_or_path), name_or_path)
 
 
 def parse_study(text: str, source: str = "study") -> Study:
@@ -132,11 +120,18 @@ def parse_study(text: str, source: str = "study") -> Study:
       InputError: prefixed with `source`.
     """
     try:
-        return _study(_extended(tomllib.loads(text)))
+        return _of_file(tomllib.loads(text), source)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{source}: is not valid TOML ({error})") from error
+
+
+def _of_file(data: Mapping[str, Any], source: str) -> Study:
+    """Check the tables of a file, which may extend another study."""
+    try:
+        tables = _extended(data)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
+    return study_of(tables, source)
 
 
 def study_of(data: Mapping[str, Any], source: str = "study") -> Study:
@@ -155,21 +150,13 @@ def _extended(data: Mapping[str, Any]) -> dict[str, Any]:
     """The tables of a study on top of those of the study that it extends, key by key."""
     if "extends" not in data:
         return dict(data)
-    base = tomllib.loads(_text(checked.one_of("extends", data["extends"], names())))
+    base = tomllib.loads(_STUDIES.text(checked.one_of("extends", data["extends"], names())))
     merged = _extended(base)
     for key, value in data.items():
         both = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
         merged[key] = {**merged[key], **value} if both else value
     del merged["extends"]
     return merged
-
-
-def _folder() -> Traversable:
-    return importlib.resources.files("jaxlocomanip").joinpath("studies")
-
-
-def _text(name: str) -> str:
-    return _folder().joinpath(f"{checked.one_of('study', name, names())}.toml").read_text(encoding="utf-8")
 
 
 _OWN = ("name", "count", "world", "chunk", "axes", "points", "variants")
