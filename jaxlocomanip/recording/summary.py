@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from jaxlocomanip.outcome import CLEAR, Outcome
+from jaxlocomanip.tables import aligned
 
 _SOLVER = ("ticks", "nonfinite", "converged")
 
@@ -87,13 +88,7 @@ def table(records: Sequence[Mapping[str, Any]]) -> str:
         ("run", "s", [_cell(r["run_s"], 1) for r in records]),
     ]
     cells = [[title, unit, *rows] for title, unit, rows in columns]
-    widths = [max(len(text) for text in column) for column in cells]
-    lines = []
-    for row in range(2 + len(records)):
-        first, *rest = (column[row] for column in cells)
-        aligned = [text.rjust(width) for text, width in zip(rest, widths[1:], strict=True)]
-        lines.append("  ".join([first.ljust(widths[0]), *aligned]).rstrip())
-    return "\n".join(lines)
+    return aligned(list(zip(*cells, strict=True)))
 
 
 def _plain(value: float | bool, limit: float = math.inf) -> float | bool | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from jaxlocomanip.checked import InputError, one_of
 from jaxlocomanip.sweep.statistics import CONFIDENCE, percent
+from jaxlocomanip.tables import aligned
 
 if TYPE_CHECKING:
     import pyarrow
@@ -99,16 +100,6 @@ def _figures(rows: Results) -> list[str]:
 def _quantile(values: Values, part: float, digits: int) -> str:
     there = values[np.isfinite(values.astype(float))]
     return f"{np.quantile(there, part):.{digits}f}" if len(there) else "-"
-
-
-def aligned(lines: Sequence[Sequence[str]]) -> str:
-    """A plain-text table, the first column to the left."""
-    widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
-    made = []
-    for first, *rest in lines:
-        cells = [text.rjust(width) for text, width in zip(rest, widths[1:], strict=True)]
-        made.append("  ".join([first.ljust(widths[0]), *cells]).rstrip())
-    return "\n".join(made)
 
 
 def rejected_line(manifest: Mapping[str, Any], results: Results) -> str:
