@@ -1,9 +1,12 @@
-"""Arguments that several commands share, and their progress."""
+"""Arguments that several commands share, what they refuse alike, and their progress."""
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import sys
+
+from jaxlocomanip.checked import InputError
 
 SEED_LIMIT = 2**32 - 1
 """largest seed"""
@@ -41,6 +44,18 @@ def add_planner(parser: argparse.ArgumentParser) -> None:
         metavar="FEATURE",
         help="switch off adaptation, robot-cbf, object-cbf, clf, path or filter; may be repeated",
     )
+
+
+def refuse_missing_viewers(record: bool) -> bool:
+    """Whether figures can be drawn; what a recording needs must be there if one is asked for.
+
+    Raises:
+      InputError: it is not.
+    """
+    drawable = importlib.util.find_spec("matplotlib") is not None
+    if record and not (drawable and importlib.util.find_spec("rerun") is not None):
+        raise InputError('recording needs the view extra: pip install "jaxlocomanip[view]", or pass --no-record')
+    return drawable
 
 
 def say(text: str) -> None:

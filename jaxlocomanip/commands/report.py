@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.commands import options
-from jaxlocomanip.commands.options import say
-from jaxlocomanip.commands.simulate import refuse_missing_viewers
+from jaxlocomanip.commands.options import refuse_missing_viewers, say
 
 if TYPE_CHECKING:
     from jaxlocomanip.loop import Log

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import importlib.util
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from jaxlocomanip import library
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.commands import options
-from jaxlocomanip.commands.options import say
+from jaxlocomanip.commands.options import refuse_missing_viewers, say
 from jaxlocomanip.files import prepare_directory, write_whole
 from jaxlocomanip.specification import ScenarioSpec
 
@@ -81,18 +80,6 @@ def _refuse_repeated(names: Sequence[str]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"scenario {name!r}: given twice, or two files have this name; outputs would collide")
-
-
-def refuse_missing_viewers(record: bool) -> bool:
-    """Whether figures can be drawn; what a recording needs must be there if one is asked for.
-
-    Raises:
-      InputError: it is not.
-    """
-    drawable = importlib.util.find_spec("matplotlib") is not None
-    if record and not (drawable and importlib.util.find_spec("rerun") is not None):
-        raise InputError('recording needs the view extra: pip install "jaxlocomanip[view]", or pass --no-record')
-    return drawable
 
 
 def _built(spec: ScenarioSpec) -> Scenario:
