@@ -1,4 +1,4 @@
-"""The object's mechanics: equations of motion, friction, the time step and Lie derivatives."""
+"""The object's mechanics: equations of motion, the time step and Lie derivatives."""
 
 import jax
 import jax.numpy as jnp
@@ -6,35 +6,16 @@ import numpy as np
 import pytest
 
 from jaxlocomanip.planar import dynamics
-from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planar.geometry import rotate
 
 step = jax.jit(dynamics.step)
-friction_step = jax.jit(dynamics.friction_step)
 FACES = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])  # push directions of three robots on a box
-
-
-def make_body(mass=6.0, inertia=0.5, com=(0.05, -0.08), force=20.0, moment=4.0, dtype=None):
-    return Body(*(jnp.asarray(v, dtype) for v in (mass, inertia, com, force, moment)))
-
-
-def random_body(rng):
-    mass, com = rng.uniform(2.0, 12.0), rng.uniform(-0.1, 0.1, 2)
-    inertia = rng.uniform(0.1, 1.0) + mass * com @ com
-    force = rng.uniform(5.0, 60.0)
-    return make_body(mass, inertia, com, force, force * rng.uniform(0.1, 0.4))
-
-
-def at_com(body):
-    """Inertia and friction limits [3] at the centre of mass, as numpy arrays."""
-    inertia = np.array([body.mass, body.mass, body.central_inertia])
-    return inertia, np.array([body.friction_force, body.friction_force, body.friction_moment])
 
 
 # Equations of motion
 
 
-def test_mass_and_coriolis_matrices(x64):
+def test_mass_and_coriolis_matrices(x64, random_body):
     rng = np.random.default_rng(0)
     for _ in range(20):
         body, theta, omega = random_body(rng), jnp.asarray(rng.uniform(-3, 3)), jnp.asarray(rng.normal())
@@ -46,7 +27,7 @@ def test_mass_and_coriolis_matrices(x64):
         assert np.abs(skew).max() > 1e-6
 
 
-def test_kinetic_energy_is_the_same_at_both_points(x64):
+def test_kinetic_energy_is_the_same_at_both_points(x64, random_body, at_com):
     rng = np.random.default_rng(1)
     for _ in range(10):
         body, theta, twist = (
@@ -61,7 +42,7 @@ def test_kinetic_energy_is_the_same_at_both_points(x64):
         assert np.allclose(dynamics.from_com(body, theta, central), twist, rtol=0.0, atol=1e-14)
 
 
-def test_free_motion_keeps_the_momentum_of_the_centre_of_mass(x64):
+def test_free_motion_keeps_the_momentum_of_the_centre_of_mass(x64, make_body):
     body = make_body(force=0.0, moment=0.0)
     theta, twist = jnp.asarray(0.4), jnp.array([0.3, -0.2, 1.7])
     pull = dynamics.acceleration(body, theta, twist, jnp.zeros(3), 0.02)
@@ -87,105 +68,11 @@ def test_contact_wrench_is_the_sum_of_the_pushes(x64):
     assert in_body[2] == pytest.approx(total[2])
 
 
-def test_friction_wrench_lies_on_the_limit_surface_and_dissipates(x64):
-    rng = np.random.default_rng(3)
-    for _ in range(20):
-        body, theta, twist = (
-            random_body(rng),
-            jnp.asarray(rng.uniform(-3, 3)),
-            jnp.asarray(rng.normal(size=3)),
-        )
-        wrench = np.asarray(dynamics.friction_wrench(body, theta, twist, 0.0))
-        arm = np.asarray(rotate(theta, body.com))
-        moment = wrench[2] - (arm[0] * wrench[1] - arm[1] * wrench[0])
-        limits = at_com(body)[1]
-        assert np.sum((np.array([*wrench[:2], moment]) / limits) ** 2) == pytest.approx(1.0)
-        V = np.asarray(dynamics.to_com(body, theta, twist))
-        assert wrench @ np.asarray(twist) == pytest.approx(np.sqrt(np.sum((limits * V) ** 2)))
-
-
-def test_smoothed_friction_fades_at_rest():
-    body = make_body()
-    twist = jnp.array([0.01, 0.0, 0.0])
-    still = dynamics.friction_wrench(body, jnp.asarray(0.0), jnp.zeros(3), 0.02)
-    slow = dynamics.friction_wrench(body, jnp.asarray(0.0), twist, 0.01)
-    assert still.tolist() == [0.0, 0.0, 0.0]
-    assert slow[0] == pytest.approx(20.0 / np.sqrt(2.0), rel=1e-5)
-
-
-# Friction step
-
-
-def minimise(inertia, limits, free, h):
-    """Minimiser of 1/2 (V - V_free)' M (V - V_free) + h |A V| by damped Newton with the cone's corner checked first."""
-    if np.sum((inertia * free / (h * limits)) ** 2) <= 1.0:  # the wrench that holds it is inside the limit surface
-        return np.zeros(3)
-    cost = lambda V: 0.5 * np.sum(inertia * (V - free) ** 2) + h * np.linalg.norm(limits * V)  # noqa: E731
-    V = free.copy()
-    while cost(V) >= cost(np.zeros(3)):
-        V = V / 2.0
-    for _ in range(200):
-        norm = np.linalg.norm(limits * V)
-        pull = limits**2 * V
-        gradient = inertia * (V - free) + h * pull / norm
-        hessian = np.diag(inertia + h * limits**2 / norm) - h * np.outer(pull, pull) / norm**3
-        change = -np.linalg.solve(hessian, gradient)
-        length = 1.0
-        while cost(V + length * change) > cost(V) + 1e-4 * length * gradient @ change and length > 1e-12:
-            length /= 2.0
-        V = V + length * change
-    return V
-
-
-@pytest.mark.parametrize("h", [0.005, 0.02, 0.1])
-def test_friction_step_minimises_distance_plus_dissipation(x64, h):
-    rng = np.random.default_rng(4)
-    stuck = 0
-    for _ in range(60):
-        inertia, limits = at_com(random_body(rng))
-        free = rng.normal(size=3) * 10.0 ** rng.uniform(-2.0, 0.5)
-        found = np.asarray(friction_step(jnp.asarray(inertia), limits[0], limits[2], jnp.asarray(free), h, 0.0))
-        least = minimise(inertia, limits, free, h)
-        assert np.abs(found - least).max() <= 1e-3 * np.abs(free).max()
-        assert (found == 0.0).all() == (least == 0.0).all()
-        stuck += (least == 0.0).all()
-    assert 0 < stuck < 60
-
-
-def test_friction_step_never_adds_energy():
-    rng = np.random.default_rng(5)
-    for smoothing in (0.0, 0.02):
-        for _ in range(50):
-            inertia, limits = at_com(random_body(rng))
-            free = jnp.asarray(rng.normal(size=3) * 10.0 ** rng.uniform(-4.0, 1.0), jnp.float32)
-            after = friction_step(jnp.asarray(inertia), limits[0], limits[2], free, 0.02, smoothing)
-            assert jnp.sum(inertia * after**2) <= jnp.sum(inertia * free**2)
-            assert (np.abs(after) <= np.abs(free)).all() and (after * free >= 0.0).all()
-
-
-def test_friction_step_without_friction_is_free(x64):
-    free = jnp.array([0.3, -0.2, 0.5])
-    after = friction_step(jnp.array([6.0, 6.0, 0.5]), jnp.asarray(0.0), jnp.asarray(0.0), free, 0.02, 0.0)
-    assert np.allclose(after, free, rtol=1e-4)
-
-
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
-def test_break_away_itself_is_finite(x64, dtype):
-    """At exactly the limit the object rests; the formula divides zero by zero if it is not careful."""
-    inertia, force, h = jnp.array([6.0, 6.0, 0.3], dtype), jnp.asarray(20.0, dtype), jnp.asarray(0.005, dtype)
-    for scale in (1.0 - 1e-6, 1.0, 1.0 + 1e-6):
-        free = jnp.array([1.0, 0.0, 0.0], dtype) * (h * force / inertia[0]) * jnp.asarray(scale, dtype)
-        after = friction_step(inertia, force, jnp.asarray(3.0, dtype), free, h, jnp.asarray(0.0, dtype))
-        assert np.isfinite(after).all()
-        assert np.abs(after).max() <= 1e-6
-
-
 # Time step
 
 
-def rest(dtype, wrench, steps=400, **body):
+def rest(made, dtype, wrench, steps=400):
     """Pose and twist after pushing an object at rest with a constant wrench at its centre of mass."""
-    made = make_body(dtype=dtype, **body)
     start = (jnp.asarray([1.3, -2.7, 0.6], dtype), jnp.zeros(3, dtype))
     h, wrench = jnp.asarray(0.005, dtype), jnp.asarray(wrench, dtype)
     arm = made.com
@@ -199,19 +86,19 @@ def rest(dtype, wrench, steps=400, **body):
 
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
 @pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (0.6, -0.8, 0.0), (0.0, 0.0, 1.0), (0.48, 0.36, 0.8)])
-def test_sticks_below_break_away_and_slides_above(x64, dtype, direction):
-    limits = np.array([20.0, 20.0, 4.0])
-    start, pose, twist = rest(dtype, 0.99 * limits * direction)
+def test_sticks_below_break_away_and_slides_above(x64, dtype, direction, make_body):
+    body, limits = make_body(dtype=dtype), np.array([20.0, 20.0, 4.0])
+    start, pose, twist = rest(body, dtype, 0.99 * limits * direction)
     assert twist.tolist() == [0.0, 0.0, 0.0]
     assert np.allclose(pose, start, rtol=0.0, atol=4.0 * np.finfo(dtype).eps)  # of sums of coordinates only
-    _, _, twist = rest(dtype, 1.05 * limits * direction, steps=40)
+    _, _, twist = rest(body, dtype, 1.05 * limits * direction, steps=40)
     moving = np.asarray(direction) != 0.0
     assert (np.asarray(twist)[2] > 0.0) == bool(moving[2])
     assert np.linalg.norm(twist) > 1e-3
 
 
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
-def test_a_sliding_object_comes_to_rest_where_energy_says(x64, dtype):
+def test_a_sliding_object_comes_to_rest_where_energy_says(x64, dtype, make_body):
     """v^2 = 2 (F_c / m) s, and exactly at rest from then on."""
     body = make_body(com=(0.0, 0.0), dtype=dtype)
     start = (jnp.zeros(3, dtype), jnp.asarray([1.0, 0.0, 0.0], dtype))
@@ -248,7 +135,7 @@ def runge_kutta(body, pose, twist, wrench_B, span, steps):
     return jax.lax.scan(one, (pose, twist), None, length=steps)[0]
 
 
-def test_step_converges_to_the_equations_of_motion_at_first_order(x64):
+def test_step_converges_to_the_equations_of_motion_at_first_order(x64, make_body):
     body, span = make_body(), 0.4
     start = jnp.array([0.0, 0.0, 0.3]), jnp.array([0.8, 0.2, 1.5])  # sliding all the way
     wrench_B = jnp.array([15.0, 10.0, 1.0])
@@ -264,7 +151,7 @@ def test_step_converges_to_the_equations_of_motion_at_first_order(x64):
     assert errors[-1] < 3e-3
 
 
-def test_step_without_friction_is_of_second_order(x64):
+def test_step_without_friction_is_of_second_order(x64, make_body):
     body, span = make_body(force=0.0, moment=0.0), 0.4
     start = jnp.array([0.0, 0.0, 0.3]), jnp.array([0.8, 0.2, 1.5])
     wrench_B = jnp.array([15.0, 10.0, 1.0])
@@ -279,7 +166,7 @@ def test_step_without_friction_is_of_second_order(x64):
 
 
 @pytest.mark.parametrize("h", [0.02, 0.1, 1.0])
-def test_step_is_stable_at_any_length(h):
+def test_step_is_stable_at_any_length(h, make_body):
     body = make_body(dtype=jnp.float32)
     state = jnp.zeros(3), jnp.array([1.0, -0.5, 3.0])
     for _ in range(int(6.0 / h)):
@@ -296,7 +183,7 @@ def affine(body):
     return (origins, tangents), dynamics.control_affine(body, origins, tangents, jnp.asarray(FACES), 0.02)
 
 
-def test_control_affine_form_is_the_equations_of_motion(x64):
+def test_control_affine_form_is_the_equations_of_motion(x64, random_body):
     rng = np.random.default_rng(6)
     for _ in range(10):
         body = random_body(rng)
@@ -309,7 +196,7 @@ def test_control_affine_form_is_the_equations_of_motion(x64):
         assert np.allclose(drift(x) + input_map(x) @ u, expected, rtol=0.0, atol=1e-10)
 
 
-def test_lie_derivatives_against_finite_differences(x64):
+def test_lie_derivatives_against_finite_differences(x64, random_body):
     rng = np.random.default_rng(7)
     drift, input_map = affine(random_body(rng))[1]
     height = lambda x: jnp.sin(x[0]) * x[3] + x[2] * x[6] ** 2  # noqa: E731
