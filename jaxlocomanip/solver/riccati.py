@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import Floats, cholesky, cholesky_solve, pytree
+from jaxlocomanip.numerics import Floats, cholesky, cholesky_solve, pytree, symmetric_solve
 
 
 @pytree
@@ -45,13 +45,15 @@ class Direction:
     """[N, nu, nx] du = feedforward + feedback dx"""
 
 
-def solve(lq: LinearQuadratic, dx0: Array, regularisation: Floats) -> Direction:
+def solve(lq: LinearQuadratic, dx0: Array, regularisation: Floats, definite: bool = True) -> Direction:
     """Backward Riccati sweep, then a forward pass; sequential in k.
 
     Args:
-      lq: the subproblem; H_k + F_k' P F_k must be positive definite in u once regularised.
+      lq: the subproblem; H_k + F_k' P F_k must be positive definite in u once regularised (but see `definite`).
       dx0: [nx] initial deviation.
       regularisation: >= 0, added to the diagonal of the input Hessian.
+      definite: false for the stationary point of a subproblem that may have no minimum; then H_k + F_k' P F_k need only
+        be invertible in u.
     """
     nx = dx0.shape[0]
     nu = lq.hessian.shape[-1] - nx
@@ -63,8 +65,9 @@ def solve(lq: LinearQuadratic, dx0: Array, regularisation: Floats) -> Direction:
         transported = value @ dynamics
         total = hessian + dynamics.T @ transported
         gradient = linear + dynamics.T @ slope + transported.T @ defect
-        factor = cholesky(total[nx:, nx:] + damping)
-        gains = -cholesky_solve(factor, jnp.concatenate([gradient[nx:, None], total[nx:, :nx]], axis=1))
+        inputs = total[nx:, nx:] + damping
+        right = jnp.concatenate([gradient[nx:, None], total[nx:, :nx]], axis=1)
+        gains = -cholesky_solve(cholesky(inputs), right) if definite else -symmetric_solve(inputs, right)
         feedforward, feedback = gains[:, 0], gains[:, 1:]
         new_value = total[:nx, :nx] + total[:nx, nx:] @ feedback
         new_slope = gradient[:nx] + total[:nx, nx:] @ feedforward

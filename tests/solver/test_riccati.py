@@ -10,6 +10,7 @@ from jaxlocomanip.solver.riccati import LinearQuadratic, solve
 N, NX, NU = 7, 5, 3
 NZ = NX + NU
 solve_lq = jax.jit(solve)
+solve_stationary = jax.jit(lambda lq, dx0, damping: solve(lq, dx0, damping, definite=False))
 
 
 def random_lq(seed):
@@ -65,6 +66,18 @@ def test_agrees_with_a_dense_solve(x64, seed, regularisation):
     assert np.allclose(found.dxs, xs, rtol=0.0, atol=1e-9 * np.abs(xs).max())
     assert np.allclose(found.dus, us, rtol=0.0, atol=1e-9 * np.abs(us).max())
     assert np.allclose(found.costates, costates, rtol=0.0, atol=1e-9 * np.abs(costates).max())
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_stationary_point_of_an_indefinite_subproblem(x64, seed):
+    lq, dx0 = random_lq(seed)
+    lq["hessian"] = lq["hessian"] - 0.8 * np.eye(NZ)
+    assert (np.linalg.eigvalsh(lq["hessian"][:, NX:, NX:]).min(axis=1) < 0.0).any()
+    found = solve_stationary(arrays(lq, jnp.float64), jnp.asarray(dx0), 0.0)
+    xs, us, costates = dense(lq, dx0, 0.0)
+    assert np.allclose(found.dxs, xs, rtol=0.0, atol=1e-8 * np.abs(xs).max())
+    assert np.allclose(found.dus, us, rtol=0.0, atol=1e-8 * np.abs(us).max())
+    assert np.allclose(found.costates, costates, rtol=0.0, atol=1e-8 * np.abs(costates).max())
 
 
 @pytest.mark.parametrize("seed", range(5))
