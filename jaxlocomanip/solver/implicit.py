@@ -1,0 +1,254 @@
+"""Derivatives of an optimal plan with respect to everything in its problem, by the implicit function theorem.
+
+A local optimum satisfies the stationarity conditions of the Lagrangian
+
+    L = sum_k l_k(x_k, u_k) + Phi(x_N) + sum_k lambda_{k+1}' (f_k(x_k, u_k) - x_{k+1}) + lambda_0' (x_0 - x0),
+
+whose matrix K, the *exact* Hessian of L bordered by the Jacobian of the dynamics, is that of a linear-quadratic
+subproblem. So a derivative is one more Riccati solve, K [dz, dlambda] = -d(stationarity), in either direction; the
+iterations that led to the plan are neither stored nor differentiated. The Gauss-Newton Hessian of the solver would
+not do: it gives the same optimum but not its derivative, unless residuals, multipliers and barrier slopes vanish.
+
+    plan = implicit.solve(problem, x0, start(guess, options), options).plan     # solves; jax.grad, jax.jvp, jit, vmap
+    plan = implicit.plan_of(problem, x0, plan)                                  # the same for a plan that is there
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jax.flatten_util import ravel_pytree
+
+from jaxlocomanip.numerics import all_finite, pytree, select
+from jaxlocomanip.solver import riccati, sqp
+from jaxlocomanip.solver.ocp import Plan, Problem, Stage
+from jaxlocomanip.solver.riccati import LinearQuadratic
+from jaxlocomanip.solver.sqp import Iterate, Options, Status
+
+POLISH = 6
+"""Newton steps at most after the solver: from where its merit function sees no difference any more, to rounding"""
+
+
+@pytree
+class Solution:
+    """An optimal plan."""
+
+    plan: Plan
+    """differentiable in the problem and in x0"""
+    status: Array
+    """[] int, `sqp.Status`"""
+    step: Array
+    """[] largest component of the last Newton step: how far the plan was from stationary"""
+    iterations: Array
+    """[] int, iterations of the solver"""
+
+
+@pytree
+class Stationarity:
+    """What must vanish or hold at an optimum, or a right-hand side of the system that its derivative solves."""
+
+    states: Array
+    """[N + 1, nx] by x_k"""
+    inputs: Array
+    """[N, nu] by u_k"""
+    dynamics: Array
+    """[N + 1, nx] by lambda_k: of x_0 and of each step"""
+
+
+def solve(problem: Problem, x0: Array, guess: Iterate, options: Options, limit: int = 200) -> Solution:
+    """Iterate to a stationary plan, which is differentiable.
+
+    The solver runs until its step is below `options.tolerance`; Newton steps on the stationarity conditions follow,
+    as long as each is smaller than the one before.
+
+    Memory does not grow with the iterations. Under `vmap` all lanes iterate until the last one has finished.
+
+    A plan that did not converge has the derivative of `plan_of` at the point where it stopped: finite, wrong by as
+    much as `step` is large, and to be judged by `status`.
+
+    Args:
+      problem: the optimal control problem.
+      x0: [nx] initial state.
+      guess: result of `sqp.start` or of an earlier solve.
+      options: solver settings.
+      limit: calls of the solver at most, each of `options.iterations` iterations.
+    """
+    fixed, first, warm = jax.lax.stop_gradient((problem, x0, guess))
+    warm = dataclasses.replace(warm, status=jnp.full_like(warm.status, Status.ITERATION_LIMIT))
+
+    def unfinished(carry: tuple[Iterate, Array]) -> Array:
+        iterate, count = carry
+        going = (iterate.status == Status.ITERATION_LIMIT) | (iterate.status == Status.NO_DESCENT)
+        return going & (count < limit)
+
+    def iterate(carry: tuple[Iterate, Array]) -> tuple[Iterate, Array]:
+        return sqp.solve(fixed, first, carry[0], options), carry[1] + 1
+
+    done, count = jax.lax.while_loop(unfinished, iterate, (warm, jnp.zeros((), jnp.int32)))
+    plan, step = polish(fixed, first, done.plan)
+    status = jnp.where(step < options.tolerance, Status.CONVERGED, done.status)
+    status = jnp.where(all_finite(plan), status, Status.NONFINITE).astype(jnp.int32)
+    return Solution(plan_of(problem, x0, plan), status, step, count * options.iterations)
+
+
+def polish(problem: Problem, x0: Array, plan: Plan) -> tuple[Plan, Array]:
+    """Newton steps on the stationarity conditions from a plan that nearly meets them, and the last step's size [].
+
+    A step that is not smaller than the one before it is not taken, nor are any after it.
+    """
+    start = Plan(plan.xs.at[0].set(x0), plan.us)
+
+    def going(carry: tuple[Plan, Array, Array, Array]) -> Array:
+        return carry[3] & (carry[2] < POLISH)
+
+    def step(carry: tuple[Plan, Array, Array, Array]) -> tuple[Plan, Array, Array, Array]:
+        plan, last, count, _ = carry
+        lq, _ = kkt(problem, plan)
+        direction = riccati.solve(lq, jnp.zeros_like(x0), 0.0, definite=False)
+        size = jnp.maximum(jnp.max(jnp.abs(direction.dxs)), jnp.max(jnp.abs(direction.dus)))
+        better = size < last
+        new = Plan(plan.xs + direction.dxs, plan.us + direction.dus)
+        return select(better, new, plan), jnp.where(better, size, last), count + 1, better
+
+    far = jnp.full((), jnp.inf, plan.xs.dtype)
+    polished, size, _, _ = jax.lax.while_loop(going, step, (start, far, jnp.zeros((), jnp.int32), jnp.ones((), bool)))
+    return polished, size
+
+
+@jax.custom_jvp
+def plan_of(problem: Problem, x0: Array, plan: Plan) -> Plan:
+    """The plan itself, as a function of its problem and initial state.
+
+    Both modes of differentiation, `jit` and `vmap` apply. The tangent of the argument `plan` is not used: an optimum
+    does not depend on where it was found.
+
+    The derivative is exact where the plan is stationary and the matrix of its conditions invertible (a strict local
+    minimum is enough). Elsewhere it is that matrix's answer at the plan as it is, with an error that grows with the
+    distance to the optimum. A plan with numbers that are not finite, or a derivative that is not, counts as constant.
+    Whatever the problem holds fixed is held fixed: for the planner, which corner or edge each disc is held against.
+
+    Args:
+      problem: the optimal control problem.
+      x0: [nx] initial state.
+      plan: a local optimum, of the problem, from x0.
+    """
+    del problem, x0
+    return plan
+
+
+@plan_of.defjvp
+def _plan_of_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Plan, Plan]:
+    problem, x0, plan = primals
+    lq, costates = kkt(problem, plan)
+
+    def conditions(problem: Problem, x0: Array) -> Stationarity:
+        return stationarity(problem, x0, plan, costates)
+
+    _, change = jax.jvp(conditions, (problem, x0), tangents[:2])
+    solution = _solve_linear(lq, jax.tree.map(jnp.negative, change))
+    return plan, Plan(solution.states, solution.inputs)
+
+
+def costates(problem: Problem, plan: Plan) -> tuple[Array, Array, Array]:
+    """Multipliers lambda [N + 1, nx] of the dynamics that make L stationary in the states, by the adjoint recursion.
+
+    Also the gradients [N, nz] of the stages' costs and their dynamics' Jacobians [N, nx, nz].
+    """
+    models = jax.vmap(problem.model)(plan.xs[:-1], plan.us, problem.stages)
+    nx = plan.xs.shape[1]
+    residual, pullback = jax.vjp(problem.terminal, plan.xs[-1])
+    (last,) = pullback(residual)
+
+    def backward(after: Array, k: tuple[Array, Array]) -> tuple[Array, Array]:
+        gradient, dynamics = k
+        now = gradient[:nx] + after @ dynamics[:, :nx]
+        return now, now
+
+    _, earlier = jax.lax.scan(backward, last, (models.gradient, models.dynamics), reverse=True)
+    return jnp.concatenate([earlier, last[None]]), models.gradient, models.dynamics
+
+
+def kkt(problem: Problem, plan: Plan) -> tuple[LinearQuadratic, Array]:
+    """The subproblem whose solution is the Newton step of the stationarity conditions, and the multipliers.
+
+    Its Hessian is that of the Lagrangian, exact, and may be indefinite.
+    """
+    multipliers, gradient, dynamics = costates(problem, plan)
+    nx = plan.xs.shape[1]
+
+    def slope(z: Array, multiplier: Array, data: Any) -> tuple[Array, Array]:
+        by_z, following = stage_slope(problem, z[:nx], z[nx:], multiplier, data)
+        return by_z, following
+
+    zs = jnp.concatenate([plan.xs[:-1], plan.us], axis=1)
+    each = jax.vmap(jax.jacfwd(slope, has_aux=True))
+    hessian, following = each(zs, multipliers[1:], problem.stages)
+    final_hessian = jax.jacfwd(lambda x: terminal_slope(problem, x))(plan.xs[-1])
+    final_gradient = terminal_slope(problem, plan.xs[-1])
+    hessian = 0.5 * (hessian + hessian.transpose(0, 2, 1))
+    lq = LinearQuadratic(hessian, gradient, dynamics, following - plan.xs[1:], final_hessian, final_gradient)
+    return lq, multipliers
+
+
+def stage_slope(problem: Problem, x: Array, u: Array, multiplier: Array, data: Any) -> tuple[Array, Array]:
+    """Gradient [nz] of l_k + lambda_{k+1}' f_k by z = [x, u], and the next state [nx]."""
+    nx = x.shape[0]
+
+    def values(z: Array) -> Stage:
+        return problem.stage(z[:nx], z[nx:], data)
+
+    stage, pullback = jax.vjp(values, jnp.concatenate([x, u]))
+    slope = problem.penalty(stage.inequality, data).slope
+    (by_z,) = pullback(Stage(multiplier, stage.residual, slope))
+    return by_z, stage.next_state
+
+
+def terminal_slope(problem: Problem, x: Array) -> Array:
+    """Gradient [nx] of the terminal cost."""
+    residual, pullback = jax.vjp(problem.terminal, x)
+    return pullback(residual)[0]
+
+
+def stationarity(problem: Problem, x0: Array, plan: Plan, multipliers: Array) -> Stationarity:
+    """Derivatives of L by states, inputs and multipliers, less what does not depend on the problem or on x0."""
+    nx = x0.shape[0]
+
+    def slope(x: Array, u: Array, multiplier: Array, data: Any) -> tuple[Array, Array]:
+        return stage_slope(problem, x, u, multiplier, data)
+
+    by_z, following = jax.vmap(slope)(plan.xs[:-1], plan.us, multipliers[1:], problem.stages)
+    last = terminal_slope(problem, plan.xs[-1])
+    return Stationarity(
+        jnp.concatenate([by_z[:, :nx], last[None]]), by_z[:, nx:], jnp.concatenate([x0[None], following])
+    )
+
+
+def _solve_linear(lq: LinearQuadratic, right: Stationarity) -> Stationarity:
+    """Solve K w = right, linear in `right` and its own transpose: K is symmetric."""
+    # One vector, because a transpose is only taken of right-hand sides that are linear in all their parts.
+    flat, shaped = ravel_pytree(right)
+    nx = right.states.shape[1]
+
+    def product(vector: Array) -> Array:
+        w = shaped(vector)
+        z = jnp.concatenate([w.states[:-1], w.inputs], axis=1)
+        by_z = jnp.einsum("kij,kj->ki", lq.hessian, z) + jnp.einsum("kij,ki->kj", lq.dynamics, w.dynamics[1:])
+        last = lq.final_hessian @ w.states[-1]
+        following = jnp.einsum("kij,kj->ki", lq.dynamics, z)
+        by_x = jnp.concatenate([by_z[:, :nx], last[None]]) - w.dynamics
+        rows = jnp.concatenate([jnp.zeros((1, nx), z.dtype), following]) - w.states
+        return ravel_pytree(Stationarity(by_x, by_z[:, nx:], rows))[0]
+
+    def by_riccati(_: Any, vector: Array) -> Array:
+        b = shaped(vector)
+        gradient = -jnp.concatenate([b.states[:-1], b.inputs], axis=1)
+        system = dataclasses.replace(lq, gradient=gradient, defect=-b.dynamics[1:], final_gradient=-b.states[-1])
+        found = riccati.solve(system, -b.dynamics[0], 0.0, definite=False)
+        w = ravel_pytree(Stationarity(found.dxs, found.dus, found.costates))[0]
+        return jnp.where(jnp.all(jnp.isfinite(w)), w, 0.0)
+
+    return shaped(jax.lax.custom_linear_solve(product, flat, by_riccati, by_riccati, symmetric=True))
