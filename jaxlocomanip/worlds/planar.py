@@ -1,7 +1,7 @@
 """The planar world: a rigid body on a floor with Coulomb friction, pushed by ideal robots.
 
-Friction follows the coupled limit surface of `planar.dynamics` with exact sticking. A robot's push follows the
-command after a first-order lag and fades as the contact recedes faster than the robot can walk; the robot slides
+Friction follows the coupled limit surface of `planar.dynamics`, by default with exact sticking. A robot's push follows
+the command after a first-order lag and fades as the contact recedes faster than the robot can walk; the robot slides
 along its face, limited by how fast it can walk sideways while the face itself moves.
 """
 
@@ -46,6 +46,8 @@ class PlanarWorld:
     """s, time constant of the robots' push"""
     fade: float = 0.1
     """m/s below the robot's top speed over which its push fades"""
+    smoothing: float = 0.0
+    """m/s, width of the transition between sticking and sliding; 0: exact sticking"""
 
     def prepare(self, scenarios: Scenario) -> PlanarWorld:
         """The same numbers for each scenario of a batch."""
@@ -78,7 +80,7 @@ class PlanarWorld:
         force = wanted + (state.force - wanted) * jnp.exp(-h / self.force_lag)
         acting = force * jnp.clip((team.push_speed_max - ahead) / self.fade, 0.0, 1.0)
         wrench_B = dynamics.body_wrench(points, team.normal, acting)
-        pose, twist = dynamics.step(scenario.truth, state.pose, state.twist, wrench_B, h, 0.0)
+        pose, twist = dynamics.step(scenario.truth, state.pose, state.twist, wrench_B, h, self.smoothing)
         walk = jnp.clip(push.offset_rate + aside, -team.slide_speed_max, team.slide_speed_max) - aside
         offset = jnp.clip(state.offset + h * walk, -team.offset_limit, team.offset_limit)
         return PlanarState(pose, twist, offset, force)
