@@ -39,7 +39,8 @@ def search_poses(
     start: Array, goal: Array, shapes: Shapes, obstacles: ObstacleEstimate, body: Body, config: PlannerConfig
 ) -> Array:
     """[_TRACE_STEPS + 2, 3] poses along the cheapest path from the pose `start` [3] to `goal` [3]."""
-    start, goal, obstacles, body = jax.lax.stop_gradient((start, goal, obstacles, body))
+    given = jax.lax.stop_gradient((start, goal, shapes, obstacles, body, config))
+    start, goal, shapes, obstacles, body, config = given
     turn_radius = config.reference.speed / config.reference.turn_rate
     local = jnp.concatenate([rotate(-goal[2], start[:2] - goal[:2]), wrap_angle(start[2:] - goal[2:])])
     grid = lay_grid(local)
