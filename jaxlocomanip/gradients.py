@@ -1,0 +1,186 @@
+"""Gradients of whole episodes: soft outcomes of the closed loop of planner and planar world.
+
+    def risk(truth):                                           # any part of a scenario or of a configuration
+        return soft_outcome(dataclasses.replace(scenario, truth=truth), config, ticks=500).clearance_m
+
+    jax.jit(jax.grad(risk))(scenario.truth)
+
+The derivative is that of the closed loop as it runs, one iteration of the solver a tick, in reverse or in forward
+mode. Reverse mode keeps the loop's state of every tick of one block and of the start of every block, and computes the
+rest again; so memory hardly grows with the number of ticks. Held fixed are choices among alternatives: the path
+(found anew once a `reference.replan`, with all that is read from it), the reference's nearest point on it, step
+lengths and second starts, nearest features and the safety filter's candidate. Gradients by the goal and the start
+therefore lack what they change through the path.
+
+The world's friction is smoothed as the planner's is, because exact sticking passes no gradient on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxlocomanip import loop as closing
+from jaxlocomanip.loop import Loop
+from jaxlocomanip.numerics import pytree, safe_norm, select, wrap_angle
+from jaxlocomanip.outcome import gaps
+from jaxlocomanip.planner.config import PlannerConfig
+from jaxlocomanip.scenario import Scenario
+from jaxlocomanip.worlds.interface import View
+from jaxlocomanip.worlds.planar import PlanarState, PlanarWorld
+
+WORLD = PlanarWorld(smoothing=0.02)
+"""the planar world with friction that lets gradients pass where the object sticks"""
+SHARPNESS = 0.02
+"""m, width of the soft minimum of clearances"""
+ARRIVAL_WIDTH = 0.2
+"""fraction of the goal tolerances over which the soft time ends"""
+FAR = 10.0
+"""m, clearance reported where there is nothing to hit"""
+
+
+@pytree
+class SoftOutcome:
+    """Differentiable results of one episode."""
+
+    path_error_m2: Array
+    """[] mean squared distance of the object to its reference on the path"""
+    effort_n2s: Array
+    """[] integral of the squared pushes"""
+    clearance_m: Array
+    """[] soft minimum, over bodies, obstacles and ticks, of the distances between true shapes"""
+    time_s: Array
+    """[] time outside the goal tolerances, which fade smoothly"""
+    goal_error_m2: Array
+    """[] squared distance to the goal at the end"""
+    heading_error_rad2: Array
+    """[] squared heading error at the end"""
+
+
+@pytree
+class _Sums:
+    """Running sums of the soft outcome."""
+
+    path_error: Array
+    effort: Array
+    nearness: Array
+    """mean of exp(-distance / SHARPNESS), as an exponent beside the largest one so far"""
+    largest: Array
+    time: Array
+
+
+@pytree
+class _Carry:
+    loop: Loop
+    world: PlanarState
+    view: View
+    sums: _Sums
+
+
+def soft_outcome(
+    scenario: Scenario,
+    config: PlannerConfig,
+    ticks: int,
+    world: PlanarWorld = WORLD,
+    key: Array | None = None,
+) -> SoftOutcome:
+    """Run one scenario in closed loop with the planar world; a pure function, to be differentiated, compiled, batched.
+
+    Args:
+      scenario: without batch axis (`jax.vmap` for batches); its duration ends the episode if it is shorter.
+      config: planner settings; lanes at rest plan as well (`horizon.rest_skips` is ignored).
+      ticks: planner ticks (static).
+      world: the planar world and its smoothing.
+      key: of measurement noise; seed 0 by default.
+
+    Returns:
+      The soft outcome.
+    """
+    config = dataclasses.replace(config, horizon=dataclasses.replace(config.horizon, rest_skips=False))
+    noise = jax.random.key(0) if key is None else key
+    state = world.start(scenario)
+    view = world.view(state, scenario)
+    zero = jnp.zeros((), scenario.start.dtype)
+    sums = _Sums(zero, zero, zero, zero - FAR / SHARPNESS, zero)
+    start = _Carry(closing.begin(scenario, config, noise, view), state, view, sums)
+    length = min(closing.ticks_per_search(config), ticks)
+
+    def tick(carry: _Carry, _: None) -> tuple[_Carry, None]:
+        return _tick(carry, scenario, config, world, noise, ticks), None
+
+    def block(carry: _Carry, _: None) -> tuple[_Carry, None]:
+        loop = closing.replan(carry.loop, scenario, config)
+        # Points of a path may coincide, where its length has no derivative.
+        planner = dataclasses.replace(loop.planner, path=jax.lax.stop_gradient(loop.planner.path))
+        begun = dataclasses.replace(carry, loop=dataclasses.replace(loop, planner=planner))
+        return jax.lax.scan(jax.checkpoint(tick), begun, None, length=length)
+
+    end, _ = jax.lax.scan(jax.checkpoint(block), start, None, length=-(-ticks // length))
+    return _summary(end, scenario, config, ticks)
+
+
+def _tick(
+    carry: _Carry, scenario: Scenario, config: PlannerConfig, world: PlanarWorld, key: Array, ticks: int
+) -> _Carry:
+    loop, view, period = carry.loop, carry.view, config.horizon.tick
+    decision = closing.decide(loop, view, scenario, config, key, record=True)
+    new = world.step(carry.world, scenario, decision.push, loop.tick * period, period)
+    after = world.view(new, scenario)
+    settled, moves = closing.settle(loop, decision, view, after, scenario, config)
+    assert decision.row is not None
+    sums = _add(carry.sums, after, decision.row.report.target, scenario, (loop.tick + 1) * period, period)
+    counts = loop.tick < ticks
+    moved = _Carry(_held(settled), *select(moves, (new, after, sums), (carry.world, view, carry.sums)))
+    return select(counts, moved, carry)
+
+
+def _held(loop: Loop) -> Loop:
+    """The loop with all that nothing later depends on held fixed.
+
+    Some of it has no finite derivative (a way of length zero, the cost of a second start that was not tried), and in
+    reverse mode zero times infinity would spoil the rest.
+    """
+    solver = loop.planner.solver
+    fixed = dataclasses.replace(jax.lax.stop_gradient(solver), plan=solver.plan)
+    planner = dataclasses.replace(loop.planner, solver=fixed)
+    tally, least = jax.lax.stop_gradient((loop.tally, loop.least))
+    return dataclasses.replace(loop, planner=planner, tally=tally, least=least)
+
+
+def _add(sums: _Sums, view: View, target: Array, scenario: Scenario, time: Array, period: float) -> _Sums:
+    off = view.pose[:2] - target[:2]
+    near = -jnp.minimum(gaps(scenario, view, scenario.obstacles.at(time)), FAR) / SHARPNESS
+    largest = jax.lax.stop_gradient(jnp.maximum(sums.largest, jnp.max(near)))
+    nearness = sums.nearness * jnp.exp(sums.largest - largest) + jnp.sum(jnp.exp(near - largest))
+    outside = jax.nn.sigmoid((safe_norm(_misfit(scenario, view.pose)) - 1.0) / ARRIVAL_WIDTH)
+    return _Sums(
+        sums.path_error + jnp.sum(off * off),
+        sums.effort + period * jnp.sum(view.force**2),
+        nearness,
+        largest,
+        sums.time + period * outside,
+    )
+
+
+def _misfit(scenario: Scenario, pose: Array) -> Array:
+    """[3] error to the goal in multiples of its tolerances."""
+    off, goal = pose - scenario.goal.pose, scenario.goal
+    turn = wrap_angle(off[2:]) / goal.heading_tolerance
+    return jnp.concatenate([off[:2] / goal.position_tolerance, turn])
+
+
+def _summary(end: _Carry, scenario: Scenario, config: PlannerConfig, ticks: int) -> SoftOutcome:
+    del config
+    sums, off = end.sums, end.view.pose - scenario.goal.pose
+    # Per tick, so that a clearance held for the whole episode is reported as it is.
+    return SoftOutcome(
+        path_error_m2=sums.path_error / ticks,
+        effort_n2s=sums.effort,
+        clearance_m=-SHARPNESS * (sums.largest + jnp.log(sums.nearness / ticks)),
+        time_s=sums.time,
+        goal_error_m2=jnp.sum(off[:2] ** 2),
+        heading_error_rad2=wrap_angle(off[2]) ** 2,
+    )
