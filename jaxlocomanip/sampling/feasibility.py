@@ -6,8 +6,9 @@ Only the impossible is rejected, and each rejection has a reason that is counted
   heading between the start's and the goal's it has. The set of directions that a team can move a sliding object in at
   one heading is convex, so a detour does not help.
 - `start`: an obstacle overlaps the object or a robot at t = 0.
-- `goal`: standing obstacles, or moving ones during the last seconds that count, leave no pose within the goal's
-  tolerances (and no contact offsets) at which object and robots are clear of them.
+- `goal`: at exactly the goal pose the object, or a robot at each of its contact offsets that are tried, overlaps a
+  standing obstacle, or a moving one during the last seconds that count. The tolerances forgive nothing here: they are
+  for the planner's error, and a goal that nobody could stand at is not one.
 - `contact`: the robots' contact offsets at the start are off their faces or in each other's way.
 - `blocked`: standing obstacles enclose the start or the goal, or leave only corridors narrower than what the team
   sweeps over, for a team that can push but not pull (`passage`).
@@ -24,13 +25,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxlocomanip.build import CONTACT_MARGIN, build_on_host, face_index, inward_normals, robot_rectangles
+from jaxlocomanip.build import build_on_host, face_index, inward_normals, robot_rectangles
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.footprint import padded, placed, polygon_gap
 from jaxlocomanip.obstacles import corners_at, moves, position_at
 from jaxlocomanip.planar.dynamics import GRAVITY
 from jaxlocomanip.robots.model import load_robot
-from jaxlocomanip.sampling.passage import blocked
+from jaxlocomanip.sampling.passage import blocked, offset_limits
 from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.specification import ScenarioSpec
 
@@ -40,8 +41,8 @@ REASONS = ("capacity", "start", "goal", "contact", "blocked")
 """Why scenarios are rejected."""
 PUSH_RESERVE = 1.05
 """largest push over sliding friction that a team needs at least; with exactly 1 it gets nowhere in finite time"""
-GOAL_SLACK = 0.02
-"""m, overlap at the goal that is forgiven, since only some of the tolerated poses are tried"""
+OFFSETS = np.linspace(-1.0, 1.0, 9)
+"""contact offsets that are tried at the goal, as parts of their limits"""
 END = 2.0
 """s before the end during which the object has to be at the goal (`outcome.HOLD`)"""
 
@@ -102,7 +103,7 @@ def _at_the_end(spec: ScenarioSpec) -> tuple[Floats, Floats]:
     shapes, radii = [], []
     bodies = [np.array(spec.object.footprint), *robot_rectangles(spec, (0.0, 0.0, 0.0), [0.0] * len(spec.robots))]
     # A robot may stand beside the middle of its face, by half the face at most.
-    reach = 1.5 * max(np.linalg.norm(body, axis=1).max() for body in bodies) + spec.goal.position_tolerance
+    reach = 1.5 * max(np.linalg.norm(body, axis=1).max() for body in bodies)
     for obstacle in spec.obstacles:
         times = np.linspace(max(spec.duration - END, 0.0), spec.duration, 11) if moves(obstacle) else [0.0]
         for time in times:
@@ -114,39 +115,17 @@ def _at_the_end(spec: ScenarioSpec) -> tuple[Floats, Floats]:
 
 
 def _no_room_at_goal(spec: ScenarioSpec) -> bool:
+    """Whether the object at exactly the goal pose, or a robot there wherever on its face it pushes, is in the way."""
     shapes, radii = _at_the_end(spec)
     footprint = np.array(spec.object.footprint)
-    nominal = [footprint, *robot_rectangles(spec, (0.0, 0.0, 0.0), [0.0] * len(spec.robots))]
-    goal = np.array([spec.goal.pose])
-    if all(_clear(placed(goal, body[None]), shapes, radii).all() for body in nominal):
-        return False
-    lengths = np.linalg.norm(np.roll(footprint, -1, axis=0) - footprint, axis=1)
-    limits = lengths[[face_index(robot.face) for robot in spec.robots]] / 2.0 - CONTACT_MARGIN
-    ways = [robot_rectangles(spec, (0.0, 0.0, 0.0), part * limits) for part in (0.0, -0.5, 0.5, -1.0, 1.0)]
-
-    def room(poses: Floats) -> bool:
-        poses = poses[_clear(placed(poses, footprint[None]), shapes, radii)]
-        for robot in range(len(spec.robots)):
-            # Offsets are each robot's own choice: it needs one of them to be clear.
-            clear = np.zeros(len(poses), bool)
-            for way in ways:
-                clear[~clear] = _clear(placed(poses[~clear], way[robot][None]), shapes, radii)
-            poses = poses[clear]
-        return len(poses) > 0
-
-    return not any(room(poses) for poses in _tolerated(spec))
-
-
-def _tolerated(spec: ScenarioSpec) -> Floats:
-    """[turns, places, 3] poses that cover the goal's tolerances, those with its own heading first."""
-    radius, turn = spec.goal.position_tolerance, spec.goal.heading_tolerance
-    angles = np.arange(12) * math.pi / 6.0
-    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    places = np.array(spec.goal.pose[:2]) + radius * np.concatenate([np.zeros((1, 2)), 0.5 * ring, ring])
-    headings = [np.full((len(places), 1), spec.goal.pose[2] + turn * part) for part in (0.0, -0.5, 0.5, -1.0, 1.0)]
-    return np.stack([np.concatenate([places, heading], axis=1) for heading in headings])
+    if not _clear(placed(spec.goal.pose, footprint)[None], shapes, radii).all():
+        return True
+    limits = offset_limits(spec)
+    # Offsets are each robot's own choice: it needs one of them to be clear.
+    ways = [robot_rectangles(spec, spec.goal.pose, part * limits) for part in OFFSETS]
+    return not np.any([_clear(way, shapes, radii) for way in ways], axis=0).all()
 
 
 def _clear(bodies: Floats, shapes: Floats, radii: Floats) -> NDArray[np.bool_]:
-    """[n] whether bodies [n, V, 2] overlap none of the shapes by more than the slack."""
-    return np.all(polygon_gap(bodies[:, None], shapes[None], radii) > -GOAL_SLACK, axis=1)
+    """[n] whether bodies [n, V, 2] overlap none of the shapes."""
+    return np.all(polygon_gap(bodies[:, None], shapes[None], radii) >= 0.0, axis=1)

@@ -74,13 +74,19 @@ def _in_frame(points: Sequence[Sequence[float]], start: Sequence[float], bearing
     return placed((0.0, 0.0, -bearing), moved)
 
 
+def offset_limits(spec: ScenarioSpec) -> Floats:
+    """[N_r] m, largest contact offsets."""
+    polygon = np.array(spec.object.footprint)
+    lengths = np.linalg.norm(np.roll(polygon, -1, axis=0) - polygon, axis=1)
+    return np.maximum(lengths[[face_index(robot.face) for robot in spec.robots]] / 2.0 - CONTACT_MARGIN, 0.0)
+
+
 def _inner_discs(spec: ScenarioSpec) -> Bodies:
     """Discs inside the bodies, each smaller by what the fine grid could get wrong."""
     polygon = np.array(spec.object.footprint)
     middle = polygon.mean(axis=0)
     bodies = [[np.array([(*middle, -float(polygon_gap(middle[None], polygon)))])]]
-    lengths = np.linalg.norm(np.roll(polygon, -1, axis=0) - polygon, axis=1)
-    limits = lengths[[face_index(robot.face) for robot in spec.robots]] / 2.0 - CONTACT_MARGIN
+    limits = offset_limits(spec)
     ways = [_axes(spec, part * limits) for part in (0.0, -0.5, 0.5, -1.0, 1.0)]
     for robot in range(len(spec.robots)):
         alternatives = []

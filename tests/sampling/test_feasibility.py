@@ -2,11 +2,10 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from jaxlocomanip.batch import run
-from jaxlocomanip.build import build_on_host
+from jaxlocomanip.build import CONTACT_MARGIN, build_on_host
 from jaxlocomanip.robots.model import load_robot
 from jaxlocomanip.sampling import feasibility
 from jaxlocomanip.sampling.feasibility import REASONS, capacity, judged
@@ -80,7 +79,8 @@ def test_overlaps_at_the_start_are_rejected():
 
 def test_goals_without_room_are_rejected():
     assert verdict(obstacles=[CIRCLE | {"position": [4.7, 3.0]}]) == "feasible"
-    assert verdict(obstacles=[CIRCLE | {"position": [4.55, 3.0]}]) == "feasible"  # within the tolerance
+    assert verdict(obstacles=[CIRCLE | {"position": [4.651, 3.0]}]) == "feasible"
+    assert verdict(obstacles=[CIRCLE | {"position": [4.649, 3.0]}]) == "goal"  # the tolerance does not count
     assert verdict(obstacles=[CIRCLE | {"position": [4.3, 3.0]}]) == "goal"
     assert verdict(obstacles=[CIRCLE | {"position": [3.5, 3.0]}]) == "goal"  # where the robot would stand
 
@@ -99,11 +99,19 @@ def test_offsets_off_the_face_are_rejected():
     assert verdict(robots=[{"type": "a1", "face": "-x", "offset": 0.3}, BASE["robots"][1]]) == "contact"
 
 
-def test_the_forgiven_overlap_is_small():
-    gaps = np.arange(0.0, 0.3, 0.01)
-    verdicts = [verdict(obstacles=[CIRCLE | {"position": [4.65 - gap, 3.0]}]) for gap in gaps]
-    first = gaps[verdicts.index("goal")]
-    assert 0.15 <= first <= 0.22  # the position tolerance, a turn, and the slack
+def test_robots_at_the_goal_may_stand_anywhere_along_their_faces():
+    # Behind the goal, beside where the robot would stand at the middle of its face: it is half_width wide.
+    width = load_robot("a1").half_width
+    limit = 0.25 - CONTACT_MARGIN
+
+    def beside(gap):
+        return [CIRCLE | {"position": [3.4, 3.0 + sign * (0.4 + width + gap)]} for sign in (-1.0, 1.0)]
+
+    assert verdict(obstacles=beside(0.01)) == "feasible"
+    assert verdict(obstacles=beside(-0.01)) == "goal"
+    assert verdict(obstacles=beside(-0.01)[:1]) == "feasible"
+    assert verdict(obstacles=beside(-limit + 0.01)[:1]) == "feasible"
+    assert verdict(obstacles=beside(-limit - 0.01)[:1]) == "goal"
 
 
 @pytest.mark.slow
