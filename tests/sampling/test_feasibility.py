@@ -105,7 +105,7 @@ def test_robots_at_the_goal_may_stand_anywhere_along_their_faces():
     limit = 0.25 - CONTACT_MARGIN
 
     def beside(gap):
-        return [CIRCLE | {"position": [3.4, 3.0 + sign * (0.4 + width + gap)]} for sign in (-1.0, 1.0)]
+        return [CIRCLE | {"position": [3.3, 3.0 + sign * (0.4 + width + gap)]} for sign in (-1.0, 1.0)]
 
     assert verdict(obstacles=beside(0.01)) == "feasible"
     assert verdict(obstacles=beside(-0.01)) == "goal"
