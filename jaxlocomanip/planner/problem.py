@@ -14,7 +14,7 @@ from jaxlocomanip.numerics import pytree, safe_norm, wrap_angle
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planar.geometry import rotate
-from jaxlocomanip.planner import constraints, linearisation
+from jaxlocomanip.planner import constraints, curvature, linearisation
 from jaxlocomanip.planner.config import Number, PlannerConfig
 from jaxlocomanip.planner.constraints import BarrierRows, Motion, Obstacles
 from jaxlocomanip.planner.estimation import ObstacleEstimate
@@ -102,6 +102,10 @@ class PushProblem:
     def model(self, x: Array, u: Array, data: StageData) -> StageModel:
         """Gauss-Newton model; equals `solver.ocp.forward_model`, with the known zeros left out."""
         return linearisation.stage_model(self, x, u, data)
+
+    def curvature(self, x: Array, u: Array, multiplier: Array, model: StageModel, data: StageData) -> Array:
+        """What the model's Hessian leaves out (`solver.implicit.Curved`)."""
+        return curvature.stage_curvature(self, x, u, multiplier, model, data)
 
     def terminal(self, x: Array) -> Array:
         """Weighted terminal error."""

@@ -16,7 +16,7 @@ not do: it gives the same optimum but not its derivative, unless residuals, mult
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +25,7 @@ from jax.flatten_util import ravel_pytree
 
 from jaxlocomanip.numerics import all_finite, pytree, select
 from jaxlocomanip.solver import riccati, sqp
-from jaxlocomanip.solver.ocp import Plan, Problem, Stage
+from jaxlocomanip.solver.ocp import Plan, Problem, Stage, StageModel
 from jaxlocomanip.solver.riccati import LinearQuadratic
 from jaxlocomanip.solver.sqp import Iterate, Options, Status
 
@@ -45,6 +45,15 @@ class Solution:
     """[] largest component of the last Newton step: how far the plan was from stationary"""
     iterations: Array
     """[] int, iterations of the solver"""
+
+
+@runtime_checkable
+class Curved(Protocol):
+    """A problem that knows the curvature of its stages; of others it comes from automatic differentiation."""
+
+    def curvature(self, x: Array, u: Array, multiplier: Array, model: StageModel, data: Any) -> Array:
+        """What `model` leaves out: Hessian [nz, nz] of multiplier' f + r' r + P'(h)' h, the first r and P' held."""
+        ...
 
 
 @pytree
@@ -153,23 +162,22 @@ def _plan_of_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[P
     return plan, Plan(solution.states, solution.inputs)
 
 
-def costates(problem: Problem, plan: Plan) -> tuple[Array, Array, Array]:
+def costates(problem: Problem, plan: Plan) -> tuple[Array, StageModel]:
     """Multipliers lambda [N + 1, nx] of the dynamics that make L stationary in the states, by the adjoint recursion.
 
-    Also the gradients [N, nz] of the stages' costs and their dynamics' Jacobians [N, nx, nz].
+    Also the Gauss-Newton models of the stages, leaves [N, ...].
     """
     models = jax.vmap(problem.model)(plan.xs[:-1], plan.us, problem.stages)
     nx = plan.xs.shape[1]
-    residual, pullback = jax.vjp(problem.terminal, plan.xs[-1])
-    (last,) = pullback(residual)
+    last = terminal_slope(problem, plan.xs[-1])
 
     def backward(after: Array, k: tuple[Array, Array]) -> tuple[Array, Array]:
         gradient, dynamics = k
-        now = gradient[:nx] + after @ dynamics[:, :nx]
+        now = gradient[:nx] + jnp.sum(after[:, None] * dynamics[:, :nx], axis=0)
         return now, now
 
     _, earlier = jax.lax.scan(backward, last, (models.gradient, models.dynamics), reverse=True)
-    return jnp.concatenate([earlier, last[None]]), models.gradient, models.dynamics
+    return jnp.concatenate([earlier, last[None]]), models
 
 
 def kkt(problem: Problem, plan: Plan) -> tuple[LinearQuadratic, Array]:
@@ -177,20 +185,23 @@ def kkt(problem: Problem, plan: Plan) -> tuple[LinearQuadratic, Array]:
 
     Its Hessian is that of the Lagrangian, exact, and may be indefinite.
     """
-    multipliers, gradient, dynamics = costates(problem, plan)
-    nx = plan.xs.shape[1]
+    multipliers, models = costates(problem, plan)
+    if isinstance(problem, Curved):
+        bent = jax.vmap(problem.curvature)(plan.xs[:-1], plan.us, multipliers[1:], models, problem.stages)
+        hessian = models.hessian + bent
+    else:
+        nx = plan.xs.shape[1]
 
-    def slope(z: Array, multiplier: Array, data: Any) -> tuple[Array, Array]:
-        by_z, following = stage_slope(problem, z[:nx], z[nx:], multiplier, data)
-        return by_z, following
+        def slope(z: Array, multiplier: Array, data: Any) -> Array:
+            return stage_slope(problem, z[:nx], z[nx:], multiplier, data)[0]
 
-    zs = jnp.concatenate([plan.xs[:-1], plan.us], axis=1)
-    each = jax.vmap(jax.jacfwd(slope, has_aux=True))
-    hessian, following = each(zs, multipliers[1:], problem.stages)
+        zs = jnp.concatenate([plan.xs[:-1], plan.us], axis=1)
+        exact = jax.vmap(jax.jacfwd(slope))(zs, multipliers[1:], problem.stages)
+        hessian = 0.5 * (exact + exact.transpose(0, 2, 1))
     final_hessian = jax.jacfwd(lambda x: terminal_slope(problem, x))(plan.xs[-1])
     final_gradient = terminal_slope(problem, plan.xs[-1])
-    hessian = 0.5 * (hessian + hessian.transpose(0, 2, 1))
-    lq = LinearQuadratic(hessian, gradient, dynamics, following - plan.xs[1:], final_hessian, final_gradient)
+    defect = models.next_state - plan.xs[1:]
+    lq = LinearQuadratic(hessian, models.gradient, models.dynamics, defect, final_hessian, final_gradient)
     return lq, multipliers
 
 
