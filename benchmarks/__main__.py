@@ -18,7 +18,7 @@ from typing import Any
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.files import prepare_directory, write_whole
 
-SECTIONS = ("latency", "episode", "batch", "physics", "quadruped")
+SECTIONS = ("latency", "episode", "batch", "physics", "quadruped", "gradients")
 """What can be measured, in the order in which it is."""
 
 
@@ -51,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def measure(sections: Sequence[str], quick: bool) -> dict[str, Any]:
     """All results of the sections, as plain Python values."""
-    from benchmarks import batch, environment, episode, latency
+    from benchmarks import batch, environment, episode, gradients, latency
 
     lanes = (1, 8, 32) if quick else (1, 8, 32, 64)
     run = {
@@ -59,6 +59,7 @@ def measure(sections: Sequence[str], quick: bool) -> dict[str, Any]:
         "episode": lambda: episode.measure(episode.PLANAR),
         "quadruped": lambda: episode.measure(episode.QUADRUPED),
         "batch": lambda: batch.measure(lanes, repeats=1 if quick else 3),
+        "gradients": lambda: gradients.measure(calls=100 if quick else 300),
         "physics": lambda: _physics(repeats=1 if quick else 3),
     }
     measured: dict[str, Any] = {"environment": environment.describe(), "quick": quick}

@@ -76,6 +76,8 @@ def _rows(measured: Mapping[str, Any]) -> Iterator[Row]:
         lanes = f"{record['lanes']} lane" + ("s" if record["lanes"] > 1 else "")
         yield Row(f"batch of {lanes}: throughput", f"{record['speed']:.1f} scenario-s per wall s", True)
         yield Row(f"batch of {lanes}: compile", f"{record['compile_s']:.1f} s", False)
+    for name, times in measured.get("gradients", {"programs": {}})["programs"].items():
+        yield Row(f"plan's derivative: {name}", f"{_spread(times)}, {times['temporary_kb']} kB", "whole" in name)
     if "physics" in measured:
         yield from _physics_rows(measured["physics"])
 

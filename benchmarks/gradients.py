@@ -1,0 +1,94 @@
+"""Derivatives of a plan: the implicit function theorem beside the unrolled solver, in time and memory."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from benchmarks.latency import situation
+from benchmarks.timing import compiled, milliseconds
+from jaxlocomanip import PlannerConfig
+from jaxlocomanip.planner import nmpc
+from jaxlocomanip.planner.problem import PushProblem
+from jaxlocomanip.solver import implicit, sqp
+from jaxlocomanip.solver.ocp import Plan
+from jaxlocomanip.solver.sqp import Options
+
+UNROLLED = (1, 10, 50)
+"""iterations of the solver that are differentiated in reverse mode, with everything they compute stored"""
+Program = Callable[..., Any]
+
+
+def measure(calls: int) -> dict[str, Any]:
+    """Times in ms and temporary memory in kB, at the default horizon; `calls` of each short program."""
+    s = situation(jax.device_put(PlannerConfig()), compiled(nmpc.tick))
+    options = Options(tolerance=1e-4)
+    found = jax.jit(lambda p, x, w: implicit.solve(p, x, sqp.start(w, options), options))(
+        s.problem, s.x0, s.solver.plan
+    )
+    plan = found.plan
+    by_plan = jax.tree.map(jnp.ones_like, plan)
+    given = (s.problem, s.x0, plan)
+    results = {
+        "sqp iteration": _timed(_iteration, *given, calls=calls),
+        "implicit jvp by x0": _timed(_jvp, *given, s.x0, calls=calls),
+        "implicit vjp by x0": _timed(_vjp_state, *given, by_plan, calls=calls),
+        "implicit vjp by x0 and body": _timed(_vjp_body, *given, by_plan, calls=calls),
+        "implicit vjp by x0 and the whole problem": _timed(_vjp_all, *given, by_plan, calls=calls),
+    }
+    for count in UNROLLED:
+        name = f"unrolled vjp by x0 and body, {count} iterations"
+        results[name] = _timed(_unrolled(count), *given, by_plan, calls=max(calls // count, 20))
+    return {"stages": plan.us.shape[0], "converged": int(found.status) == 0, "programs": results}
+
+
+def _timed(function: Program, *arguments: Any, calls: int) -> dict[str, float | int]:
+    program = compiled(function)
+    memory = program.lower(*arguments).compile().memory_analysis()  # pyright: ignore[reportFunctionMemberAccess]
+    return {**milliseconds(program, *arguments, calls=calls), "temporary_kb": memory.temp_size_in_bytes // 1000}
+
+
+def _iteration(problem: PushProblem, x0: Array, plan: Plan) -> Plan:
+    options = Options()
+    return sqp.solve(problem, x0, sqp.start(plan, options), options).plan
+
+
+def _jvp(problem: PushProblem, x0: Array, plan: Plan, by_x0: Array) -> Plan:
+    return jax.jvp(lambda x: implicit.plan_of(problem, x, plan), (x0,), (by_x0,))[1]
+
+
+def _vjp_state(problem: PushProblem, x0: Array, plan: Plan, by_plan: Plan) -> Any:
+    return jax.vjp(lambda x: implicit.plan_of(problem, x, plan), x0)[1](by_plan)
+
+
+def _vjp_body(problem: PushProblem, x0: Array, plan: Plan, by_plan: Plan) -> Any:
+    return _by_body(lambda p, x: implicit.plan_of(p, x, plan), problem, x0, by_plan)
+
+
+def _vjp_all(problem: PushProblem, x0: Array, plan: Plan, by_plan: Plan) -> Any:
+    slopes = jax.vjp(lambda p, x: implicit.plan_of(p, x, plan), problem, x0)[1](by_plan)
+    return [leaf for leaf in jax.tree.leaves(slopes) if leaf.dtype != jax.dtypes.float0]
+
+
+def _unrolled(count: int) -> Program:
+    options = Options(iterations=count)
+
+    def vjp(problem: PushProblem, x0: Array, plan: Plan, by_plan: Plan) -> Any:
+        def solved(p: PushProblem, x: Array) -> Plan:
+            return sqp.solve(p, x, sqp.start(plan, options), options).plan
+
+        return _by_body(solved, problem, x0, by_plan)
+
+    return vjp
+
+
+def _by_body(plan_of: Callable[[PushProblem, Array], Plan], problem: PushProblem, x0: Array, by_plan: Plan) -> Any:
+    def of(body: Any, x: Array) -> Plan:
+        return plan_of(dataclasses.replace(problem, body=body), x)
+
+    return jax.vjp(of, problem.body, x0)[1](by_plan)
