@@ -7,6 +7,7 @@ LAPACK calls inside compiled loops are slow for 4x4 to 12x12 matrices and can de
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, TypeVar, dataclass_transform
 
 import jax
@@ -134,15 +135,19 @@ def symmetric_solve(matrix: Array, rhs: Array) -> Array:
     return jnp.stack(backward)
 
 
-def nonnegative_least_squares(
-    matrix: Array, target: Array, upper: Array, ridge: Floats = 1e-4, iterations: int = 60
+def projected_least_squares(
+    matrix: Array,
+    target: Array,
+    project: Callable[[Array], Array],
+    ridge: Floats = 1e-4,
+    iterations: int = 60,
 ) -> Array:
-    """Minimise |A x - b|^2 + ridge |x|^2 over 0 <= x <= upper by accelerated projected gradient.
+    """Minimise |A x - b|^2 + ridge |x|^2 over a convex set, such as x >= 0, by accelerated projected gradient.
 
     Args:
       matrix: A [m, n], scaled so that its columns have length about one.
       target: b [m].
-      upper: [n] upper bounds, may be infinite.
+      project: nearest point [n] of the set, as `jax.nn.relu` for x >= 0.
       ridge: > 0, picks the even split among equivalent solutions.
       iterations: fixed count, so the routine batches.
 
@@ -156,7 +161,7 @@ def nonnegative_least_squares(
     def body(carry: tuple[Array, Array], k: Array) -> tuple[tuple[Array, Array], None]:
         x, y = carry
         gradient = gram @ y - linear + ridge * y
-        new = jnp.clip(y - step * gradient, 0.0, upper)
+        new = project(y - step * gradient)
         return (new, new + k / (k + 3.0) * (new - x)), None
 
     start = jnp.zeros_like(linear)

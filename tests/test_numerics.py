@@ -11,7 +11,7 @@ from jaxlocomanip.numerics import (
     all_finite,
     cholesky,
     cholesky_solve,
-    nonnegative_least_squares,
+    projected_least_squares,
     safe_norm,
     select,
     smooth_positive,
@@ -92,8 +92,8 @@ def enumerate_minimum(matrix, target, upper):
 
 
 @pytest.mark.parametrize("bound", [np.inf, 0.4])
-def test_nonnegative_least_squares_agrees_with_enumeration(x64, bound):
-    solve = jax.jit(jax.vmap(lambda a, b, u: nonnegative_least_squares(a, b, u, RIDGE, 3000)))
+def test_projected_least_squares_agrees_with_enumeration(x64, bound):
+    solve = jax.jit(jax.vmap(lambda a, b, u: projected_least_squares(a, b, lambda x: jnp.clip(x, 0.0, u), RIDGE, 3000)))
     rng = np.random.default_rng(3)
     matrices, targets = rng.normal(size=(40, 3, 4)), rng.normal(size=(40, 3))
     matrices /= np.linalg.norm(matrices, axis=1, keepdims=True)
@@ -109,10 +109,10 @@ def test_nonnegative_least_squares_agrees_with_enumeration(x64, bound):
         assert np.abs(gradient[between]).max(initial=0.0) <= 1e-6
 
 
-def test_nonnegative_least_squares_keeps_the_accelerated_rate(x64):
+def test_projected_least_squares_keeps_the_accelerated_rate(x64):
     """Cost minus least cost is at most 2 L |x*|^2 / (k + 1)^2 after k steps of length 1/L."""
     rng = np.random.default_rng(4)
-    solve = jax.jit(jax.vmap(lambda a, b: nonnegative_least_squares(a, b, jnp.full(4, jnp.inf), RIDGE, 60)))
+    solve = jax.jit(jax.vmap(lambda a, b: projected_least_squares(a, b, jax.nn.relu, RIDGE, 60)))
     matrices, targets = rng.normal(size=(40, 3, 4)), rng.normal(size=(40, 3))
     found = np.asarray(solve(jnp.asarray(matrices), jnp.asarray(targets)))
     for matrix, target, x in zip(matrices, targets, found, strict=True):

@@ -111,9 +111,9 @@ class Reference:
     """m, how far the reference may run ahead of the object"""
     settle: Number = 0.2
     """m, length of the exponential approach to the goal"""
-    arrive: Number = 0.4
+    arrive: Number = 0.6
     """fraction of the goal tolerances within which the team rests"""
-    leave: Number = 0.8
+    leave: Number = 0.85
     """fraction of the goal tolerances beyond which it resumes"""
     second_start: Number = 1.0
     """1: each tick, try a plan that pushes at once beside the warm start; 0: warm start only"""
@@ -168,6 +168,8 @@ class SafetyFilter:
     enabled: Number = 1.0
     friction: Number = 0.12
     """Coulomb coefficient that the team certainly brakes with"""
+    belief: Number = 0.7
+    """share of the friction seen on the way that it brakes with beyond that"""
     margin: Number = 0.02
     """m, free space kept by the true shapes while braking"""
     lag: Number = 0.06

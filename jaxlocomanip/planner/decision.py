@@ -53,6 +53,8 @@ class Situation:
     path: Path
     progress: Progress
     offset: Array
+    proven: Array
+    """[] N, friction to brake with"""
 
 
 @pytree
@@ -85,7 +87,9 @@ def decide(situation: Situation, warm: Iterate, shapes: Shapes, config: PlannerC
     first = solver.plan.us[0]
     wanted = jnp.clip(first[:n], 0.0, limits.force_max)
     slide = jnp.clip(first[n:], -limits.slide_speed_max, limits.slide_speed_max)
-    sent = safety.safety_filter(wanted, slide, estimate, offset, situation.obstacles, situation.body, shapes, config)
+    sent = safety.safety_filter(
+        wanted, slide, estimate, offset, situation.obstacles, situation.body, situation.proven, shapes, config
+    )
     return Decision(solver, sent, _report(ocp, solver, targets, sent, shapes))
 
 

@@ -16,7 +16,7 @@ from jax import Array
 from jaxlocomanip.lanes import where_needed
 from jaxlocomanip.numerics import T, pytree, select, wrap_angle
 from jaxlocomanip.planar import dynamics
-from jaxlocomanip.planner import adaptation, estimation, path, reference, search
+from jaxlocomanip.planner import adaptation, estimation, path, reference, route, safety
 from jaxlocomanip.planner.adaptation import ParameterEstimate
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.decision import Report, Situation, at_rest, decide, options
@@ -85,6 +85,8 @@ class PlannerState:
     """[N_r] N, push believed to act now (the command after the robots' lag)"""
     offset: Array
     """[N_r] m, contact offsets at the last tick"""
+    proven: Array
+    """[] N, friction that the floor has shown"""
     command: Command
 
 
@@ -106,6 +108,7 @@ def start(task: Task, measured: Measurement, config: PlannerConfig) -> PlannerSt
         solver=sqp.start(guess, options(config)),
         force=zero,
         offset=measured.offset,
+        proven=safety.least_friction(parameters.body, config),
         command=Command(zero, zero, measured.offset, jnp.zeros(3, first.dtype), jnp.ones((), bool)),
     )
 
@@ -131,10 +134,13 @@ def _if_awake(
 
 def _search(state: PlannerState, task: Task, config: PlannerConfig) -> tuple[Path, Progress]:
     body, turn_radius = state.parameters.body, config.reference.speed / config.reference.turn_rate
-    found = search.search_poses(state.object.pose, task.goal.pose, task.shapes, state.obstacles, body, config)
-    line = path.straight_poses(state.origin, task.goal.pose, found.shape[0])
+    found = route.plan(
+        state.object.pose, task.goal, state.path, state.progress, task.shapes, state.obstacles, body, config
+    )
+    line = path.straight_poses(state.origin, task.goal.pose, found.poses.shape[0])
     planned = config.reference.plan_path > 0.5
-    paced = path.pace(jnp.where(planned, found, line), task.shapes, body, turn_radius)
+    paced = path.pace(jnp.where(planned, found.poses, line), task.shapes, body, turn_radius, found.cost)
+    paced = select(planned, path.with_pushes(paced, found.force, found.offset, found.room, task.shapes.team), paced)
     renewed = reference.restart(state.progress, paced)
     return paced, select(planned, renewed, state.progress)
 
@@ -152,7 +158,9 @@ def tick(
     # The reference waits for the robots: a lead built up while nobody can push would be caught up with in a jerk.
     progress = select(jnp.any(measured.contact), progress, state.progress)
     warm = shift(state.solver, horizon.tick / horizon.dt)
-    situation = Situation(estimate, parameters.body, obstacles, state.path, progress, measured.offset)
+    body = parameters.body
+    proven = safety.prove_friction(state.proven, estimate, force, measured.offset, body, task.shapes, config)
+    situation = Situation(estimate, body, obstacles, state.path, progress, measured.offset, proven)
 
     given = (situation, warm, task.shapes, config)
     decided = _if_awake(progress, decide, given, at_rest(situation, warm), config)
@@ -171,6 +179,7 @@ def tick(
         decided.solver,
         force,
         measured.offset,
+        proven,
         command,
     )
     return new, command, decided.report

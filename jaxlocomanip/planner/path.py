@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -13,9 +15,17 @@ from jaxlocomanip.planner.authority import share, sliding_wrench
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.scenario import Team
 
+UNPLANNED = 1e4
+"""cost of a path that nobody has planned"""
 POINTS = 128
 """points of a path"""
-_WINDOW = 6
+_AHEAD = 6
+"""points to both sides that a limit of the speed extends to"""
+_BRAKING = 1.2
+"""m/s^2, with which friction stops the object at least"""
+_STANDOFF, _LEAST_ROOM = 0.02, 0.04
+"""m, left where the object could stop, and the room below which paths get no slower"""
+_WINDOW = 2
 """half-width, in points, of the window that smooths a path"""
 
 
@@ -33,6 +43,8 @@ class Path:
     """[POINTS, N_r] m, contact offsets of that push"""
     walk: Array
     """[POINTS] largest sideways walking speed of a robot per unit of arc rate, as a fraction of what it can; > 0"""
+    cost: Array
+    """[]"""
 
     @property
     def length(self) -> Array:
@@ -70,20 +82,44 @@ def unsearched(pose: Array, robots: int) -> Path:
     """A path that stays at a pose [3], until the first search."""
     poses = jnp.tile(pose, (POINTS, 1))
     still = jnp.zeros((POINTS, robots), pose.dtype)
-    return Path(poses, jnp.zeros_like(poses[:, 0]), still, still, jnp.ones_like(poses[:, 0]))
+    return Path(
+        poses,
+        jnp.zeros_like(poses[:, 0]),
+        still,
+        still,
+        jnp.ones_like(poses[:, 0]),
+        jnp.full((), UNPLANNED, pose.dtype),
+    )
 
 
-def pace(poses: Array, shapes: Shapes, body: Body, turn_radius: Floats) -> Path:
+def pace(poses: Array, shapes: Shapes, body: Body, turn_radius: Floats, cost: Floats = UNPLANNED) -> Path:
     """Path through poses [n, 3], smoothed with its ends kept and evenly spaced, with its steady pushes."""
-    even = _resample(_resample(poses, turn_radius)[0], turn_radius)[0]
+    even = resample(resample(poses, turn_radius)[0], turn_radius)[0]
     window = jnp.hanning(2 * _WINDOW + 3)[1:-1].astype(poses.dtype)
     head = 2.0 * even[:1] - even[_WINDOW:0:-1]
     tail = 2.0 * even[-1:] - even[-2 : -_WINDOW - 2 : -1]
     padded = jnp.concatenate([head, even, tail])
     smooth = jax.vmap(lambda v: jnp.convolve(v, window / jnp.sum(window), mode="valid"), 1, 1)(padded)
-    final, arc = _resample(smooth, turn_radius)
+    final, arc = resample(smooth, turn_radius)
     force, offset = steady_pushes(final, shapes, body)
-    return Path(final, arc, force, offset, sideways(final, arc, offset, shapes.team))
+    return Path(final, arc, force, offset, sideways(final, arc, offset, shapes.team), jnp.asarray(cost, arc.dtype))
+
+
+def with_pushes(path: Path, force: Array, offset: Array, room: Array, team: Team) -> Path:
+    """The path with pushes, contact offsets [n, N_r] and room to obstacles [n] m at the middles of n even parts."""
+    count = force.shape[0]
+    middles = (jnp.arange(count, dtype=force.dtype) + 0.5) / count
+    where = jnp.linspace(0.0, 1.0, POINTS, dtype=force.dtype)
+
+    def spread(values: Array) -> Array:
+        return jax.vmap(lambda v: jnp.interp(where, middles, v), 1, 1)(values)
+
+    force, offset = spread(force), spread(offset)
+    # Slow enough past an obstacle to stop before it.
+    stop = jnp.maximum(spread(room[:, None])[:, 0], _LEAST_ROOM) - _STANDOFF
+    slow = 1.0 / jnp.sqrt(2.0 * _BRAKING * stop)
+    walk = jnp.maximum(sideways(path.poses, path.arc, offset, team), _widest(slow))
+    return dataclasses.replace(path, force=force, offset=offset, walk=walk)
 
 
 def steady_pushes(poses: Array, shapes: Shapes, body: Body) -> tuple[Array, Array]:
@@ -96,7 +132,12 @@ def steady_pushes(poses: Array, shapes: Shapes, body: Body) -> tuple[Array, Arra
     def at(pose: Array, direction: Array) -> tuple[Array, Array]:
         scale = jnp.sqrt(jnp.sum(direction**2)) + 1e-6
         twist_B = jnp.concatenate([rotate(-pose[2], direction[:2]), direction[2:]]) / scale
-        force, arms, _ = share(shapes.team, sliding_wrench(unit, twist_B, 0.0), shapes.torsion_radius)
+        force, arms, _ = share(
+            shapes.team,
+            sliding_wrench(unit, twist_B, 0.0),
+            shapes.torsion_radius,
+            shapes.team.force_max / jnp.maximum(body.friction_force, 1.0),
+        )
         # A robot that hardly pushes here keeps to the middle of its face.
         return force, arms * force / (force + 0.05)
 
@@ -113,9 +154,13 @@ def sideways(poses: Array, arc: Array, offset: Array, team: Team) -> Array:
         return jnp.max(jnp.abs(jnp.sum(velocity * team.tangent, axis=-1)) / team.slide_speed_max)
 
     each = jax.vmap(at)(poses, change, offset)
-    # The larger of neighbours within half a window: slow down before a bend, not in it.
-    padded = jnp.pad(each, _WINDOW, mode="edge")
-    return jnp.maximum(jnp.max(jnp.stack([padded[i : i + POINTS] for i in range(2 * _WINDOW + 1)]), axis=0), 0.1)
+    return jnp.maximum(_widest(each), 0.1)
+
+
+def _widest(values: Array) -> Array:
+    """[n] the largest of neighbours: slow down before a bend, not in it."""
+    padded = jnp.pad(values, _AHEAD, mode="edge")
+    return jnp.max(jnp.stack([padded[i : i + POINTS] for i in range(2 * _AHEAD + 1)]), axis=0)
 
 
 def _slope(poses: Array) -> Array:
@@ -124,10 +169,10 @@ def _slope(poses: Array) -> Array:
     return 0.5 * (padded[2:] - padded[:-2])
 
 
-def _resample(poses: Array, turn_radius: Floats) -> tuple[Array, Array]:
-    """[POINTS, 3] poses evenly spaced along a polyline [n, 3], and their arc lengths [POINTS]."""
+def resample(poses: Array, turn_radius: Floats, count: int = POINTS) -> tuple[Array, Array]:
+    """[count, 3] poses evenly spaced along a polyline [n, 3], and their arc lengths [count]."""
     change = jnp.diff(poses, axis=0)
     steps = jnp.sqrt(jnp.sum(change[:, :2] ** 2, axis=1) + (turn_radius * change[:, 2]) ** 2)
     arc = jnp.concatenate([jnp.zeros(1, poses.dtype), jnp.cumsum(steps + 1e-6)])
-    even = jnp.linspace(0.0, 1.0, POINTS, dtype=poses.dtype) * arc[-1]
+    even = jnp.linspace(0.0, 1.0, count, dtype=poses.dtype) * arc[-1]
     return jnp.stack([jnp.interp(even, arc, poses[:, i]) for i in range(3)], axis=1), even

@@ -105,6 +105,14 @@ def targets(progress: Progress, path: Path, times: Array, settings: Reference) -
     ahead, behind = path.at(arc + 0.02), path.at(arc - 0.02)
     span = jnp.minimum(arc + 0.02, path.length) - jnp.maximum(arc - 0.02, 0.0)
     slope = (ahead - behind) / jnp.maximum(span, 1e-3)[:, None]
-    force, offset = path.feed_forward(arc)
-    moving = rate / (rate + 0.1 * pace)
+    # What pushes is read where the object will be, not where the reference is: a reference that waits at the goal asks
+    # for no push, and an object that sticks short of it would stay there.
+    follow = jnp.minimum(progress.projected + pace * times, arc)
+    force, offset = path.feed_forward(follow)
+    moving = jnp.maximum(rate, jnp.where(follow < path.length - STOPPED, pace, 0.0))
+    moving = moving / (moving + 0.1 * pace)
     return Targets(path.at(arc), slope * rate[:, None], force * moving[:, None], offset)
+
+
+STOPPED = 0.03
+"""m from the end of the path, within which an object that sticks is not pushed on"""

@@ -22,7 +22,7 @@ from jaxlocomanip.lanes import where_needed
 from jaxlocomanip.numerics import pytree, safe_norm
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
-from jaxlocomanip.planar.geometry import perpendicular, polygon_distance, rectangle, rotate, transform
+from jaxlocomanip.planar.geometry import cross, perpendicular, polygon_distance, rectangle, rotate, transform
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.shapes import Shapes
@@ -32,6 +32,8 @@ SAMPLES = 6
 """steps of the braking motion, each checked at its end"""
 WAITS = 3
 """instants after the stop at which moving obstacles are looked at"""
+LIGHTER = 1.3
+"""an object may be so many times lighter than estimated: a push then moves it further"""
 ROOM_RATE = 4.0
 """1/s, of the barrier condition on the room between two robots"""
 FAR = 1e3
@@ -49,7 +51,7 @@ class Filtered:
     choice: Array
     """[] int, 0: the planner's own input"""
     room: Array
-    """[] m, least room of the chosen candidate beyond the margin"""
+    """[] m, least room of the chosen candidate to obstacles, beyond the margin"""
 
 
 def candidates(force: Array, rate: Array) -> tuple[Array, Array]:
@@ -75,6 +77,7 @@ def safety_filter(
     offset: Array,
     obstacles: ObstacleEstimate,
     body: Body,
+    proven: Array,
     shapes: Shapes,
     config: PlannerConfig,
 ) -> Filtered:
@@ -86,22 +89,23 @@ def safety_filter(
       estimate: the object's state.
       offset: [N_r] m.
       obstacles: estimated obstacles.
-      body: the object as estimated; friction is replaced by the pessimistic one.
+      body: the object as estimated; friction is replaced by the proven one.
+      proven: [] N, friction that the floor has shown to have (`prove_friction`).
       shapes: geometry.
       config: settings.
     """
     forces, rates = candidates(force, rate)
     rates = jax.vmap(lambda r: keep_room(offset, r, shapes.team))(rates)
 
-    situation = (estimate, offset, obstacles, body, shapes, config)
+    situation = (estimate, offset, obstacles, body, proven, shapes, config)
 
     def least(situation: Any, push: Array, slide: Array) -> Array:
         # A push may help to brake as well as drive: neither more nor less of it than expected may do harm.
         given = jnp.stack([push, jnp.zeros_like(push)])
-        return jnp.min(jax.vmap(lambda f: braking_room(f, slide, *situation))(given))
+        return jnp.min(jax.vmap(lambda f: braking_rooms(f, slide, *situation))(given), axis=0)
 
     own = least(situation, forces[0], rates[0])
-    keep = (own >= 0.0) | (config.safety.enabled < 0.5)
+    keep = jnp.all(own >= 0.0) | (config.safety.enabled < 0.5)
 
     def rooms(given: tuple[Any, Array, Array]) -> Array:
         situation, pushes, slides = given
@@ -109,13 +113,63 @@ def safety_filter(
 
     # Most inputs are safe as they are: the others are looked at only where this one is not.
     given = jax.lax.stop_gradient((situation, forces[1:], rates[1:]))
-    others = where_needed(~keep, rooms, given, jnp.full(forces.shape[0] - 1, -FAR, forces.dtype))
+    others = where_needed(~keep, rooms, given, jnp.full((forces.shape[0] - 1, own.shape[0]), -FAR, forces.dtype))
     room = jnp.concatenate([own[None], others])
-    # Without a safe candidate, ties in room go to the earlier one: a standing team does not fidget.
+    spare = jnp.min(room, axis=1)
+    # Without a safe candidate a team at rest stays at rest, and ties go to the earlier one, lest it fidget.
+    still = (safe_norm(estimate.twist[:2]) < STILL) & (jnp.max(forces, axis=1) > 0.0)
+    spare = jnp.where(still & (spare < 0.0), spare - FAR, spare)
     order = jnp.arange(room.shape[0], dtype=room.dtype)
-    score = jnp.where(room >= 0.0, 1e3 - order, jnp.minimum(room, 0.0) - 1e-4 * order)
+    score = jnp.where(spare >= 0.0, 1e3 - order, spare - 1e-4 * order)
     best = jax.lax.stop_gradient(jnp.where(keep, 0, jnp.argmax(score)))
-    return Filtered(forces[best], rates[best], best.astype(jnp.int32), room[best])
+    return Filtered(forces[best], rates[best], best.astype(jnp.int32), jnp.min(room[best, :2]))
+
+
+def least_friction(body: Body, config: PlannerConfig) -> Array:
+    """[] N, friction that is reckoned with before the floor has shown any."""
+    return config.safety.friction * body.mass * GRAVITY
+
+
+def prove_friction(
+    proven: Array,
+    estimate: ObjectEstimate,
+    force: Array,
+    offset: Array,
+    body: Body,
+    shapes: Shapes,
+    config: PlannerConfig,
+) -> Array:
+    """Friction [] N to brake with, from what was seen.
+
+    Where the object slides, the adapted friction is what the floor has; where it stays at rest under a push, the floor
+    has that much at least. Only a share of either is believed. (That it is the same everywhere is assumed.)
+
+    Args:
+      proven: [] N, so far.
+      estimate: the object's state.
+      force: [N_r] N, push that acts.
+      offset: [N_r] m.
+      body: the object as estimated.
+      shapes: geometry.
+      config: settings.
+    """
+    team = shapes.team
+    wrench_B = dynamics.body_wrench(team.contact_points(offset), team.normal, force)
+    moment = (wrench_B[2:] - cross(body.com, wrench_B[:2])) / shapes.torsion_radius
+    push = safe_norm(jnp.concatenate([wrench_B[:2], moment]))
+    settings, tick = config.safety, config.horizon.tick
+    speed = safe_norm(estimate.twist[:2])
+    sliding = settings.belief * body.friction_force
+    learnt = proven + tick / (tick + SLIDING) * (sliding - proven)
+    holding = jnp.maximum(proven, proven + tick / (tick + HOLDING) * (settings.belief * push - proven))
+    new = jnp.where(speed > MOVING, learnt, jnp.where(speed < STILL, holding, proven))
+    return jnp.maximum(new, least_friction(body, config))
+
+
+MOVING, STILL = 0.15, 0.02
+"""m/s, above and below which friction is learnt from sliding and from rest"""
+SLIDING, HOLDING = 0.5, 0.3
+"""s, over which it is learnt"""
 
 
 def keep_room(offset: Array, rate: Array, team: Team) -> Array:
@@ -138,23 +192,24 @@ def slip(pose: Array, twist: Array, offset: Array, rate: Array, team: Team) -> A
     return jnp.clip(walk, -team.slide_speed_max, team.slide_speed_max) - walk
 
 
-def braking_room(
+def braking_rooms(
     force: Array,
     rate: Array,
     estimate: ObjectEstimate,
     offset: Array,
     obstacles: ObstacleEstimate,
     body: Body,
+    proven: Array,
     shapes: Shapes,
     config: PlannerConfig,
 ) -> Array:
-    """[] m, least room beyond the margin on the way to rest after one tick of an input."""
-    poses, offsets, times = braking_motion(force, rate, estimate, offset, body, shapes, config)
+    """[3] m, least rooms (`rooms_at`) beyond the margin on the way to rest after one tick of an input."""
+    poses, offsets, times = braking_motion(force, rate, estimate, offset, body, proven, shapes, config)
 
     def room(q: Array, d: Array, t: Array) -> Array:
-        return room_at(q, d, obstacles.position + t * obstacles.velocity, shapes, config)
+        return rooms_at(q, d, obstacles.position + t * obstacles.velocity, shapes, config)
 
-    return jnp.min(jax.vmap(room)(poses, offsets, times)) - config.safety.margin
+    return jnp.min(jax.vmap(room)(poses, offsets, times), axis=0) - config.safety.margin
 
 
 def braking_motion(
@@ -163,6 +218,7 @@ def braking_motion(
     estimate: ObjectEstimate,
     offset: Array,
     body: Body,
+    proven: Array,
     shapes: Shapes,
     config: PlannerConfig,
 ) -> tuple[Array, Array, Array]:
@@ -171,12 +227,12 @@ def braking_motion(
     after = config.horizon.tick + settings.lag
     wrench = dynamics.body_wrench(team.contact_points(offset), team.normal, force)
     # A push may move more than expected (a lighter object), and braking may take longer (a smoother floor).
-    resisting = jnp.minimum(settings.friction * body.mass * GRAVITY, body.friction_force)
+    resisting = jnp.minimum(proven, body.friction_force)
     moment = resisting * shapes.torsion_radius
-    light = Body(body.mass / 1.3, body.inertia / 1.3, body.com, resisting, moment)
+    light = Body(body.mass / LIGHTER, body.inertia / LIGHTER, body.com, resisting, moment)
     smooth = Body(body.mass, body.inertia, body.com, resisting, moment)
     pose, twist = dynamics.step(light, estimate.pose, estimate.twist, wrench, after, 0.0)
-    h = jnp.minimum(stopping_time(twist, body, shapes, config), 2.5) / SAMPLES
+    h = jnp.minimum(stopping_time(twist, body, resisting, shapes), 2.5) / SAMPLES
 
     def brake(carry: tuple[Array, Array, Array], _: None) -> tuple[tuple[Array, Array, Array], tuple[Array, Array]]:
         q, velocity, d = carry
@@ -195,16 +251,16 @@ def braking_motion(
     )
 
 
-def stopping_time(twist: Array, body: Body, shapes: Shapes, config: PlannerConfig) -> Array:
-    """[] s, at most, until friction alone has stopped the object."""
-    slowing = config.safety.friction * GRAVITY
+def stopping_time(twist: Array, body: Body, friction: Array, shapes: Shapes) -> Array:
+    """[] s, at most, until friction [] N alone has stopped the object."""
+    slowing = jnp.maximum(friction / body.mass, 0.3)
     turning = slowing * shapes.torsion_radius * body.mass / body.inertia
     # Translation and rotation share one friction budget: braking both takes at most the sum of the times for either.
     return safe_norm(twist[:2]) / slowing + jnp.abs(twist[2]) / jnp.maximum(turning, 1e-3)
 
 
-def room_at(pose: Array, offset: Array, obstacles: Array, shapes: Shapes, config: PlannerConfig) -> Array:
-    """[] m, distance between the true shapes of object and robots and the obstacles at [N_o, 2]."""
+def rooms_at(pose: Array, offset: Array, obstacles: Array, shapes: Shapes, config: PlannerConfig) -> Array:
+    """[3] m, room of the true shapes: object and robots to obstacles at [N_o, 2], and robots to each other."""
     team = shapes.team
     offset = jnp.clip(offset, -team.offset_limit, team.offset_limit)
     robots = jax.vmap(rectangle)(team.robot_poses(pose, offset), team.half_length, team.half_width)
@@ -217,4 +273,6 @@ def room_at(pose: Array, offset: Array, obstacles: Array, shapes: Shapes, config
 
     object_gap = jnp.where(config.protection.object > 0.5, gap(transform(pose, shapes.object_vertices)), FAR)
     robot_gap = jnp.where(config.protection.robots > 0.5, jnp.min(jax.vmap(gap)(robots)), FAR)
-    return jnp.minimum(object_gap, robot_gap)
+    # Robots whose faces move aside faster than they can walk come into each other's way.
+    team_gap = jnp.min(team.pair_bounds - team.pair_rows @ offset, initial=FAR)
+    return jnp.stack([object_gap, robot_gap, team_gap])

@@ -9,7 +9,7 @@ from jaxlocomanip.numerics import pytree
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.scenario import Scenario, Team
 
-ROBOT_DISCS = 2
+ROBOT_DISCS = 3
 """Discs along a robot's body rectangle."""
 
 

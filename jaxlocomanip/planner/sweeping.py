@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
-from jaxlocomanip.numerics import Floats
-from jaxlocomanip.planner.pose_grid import CELL_MOVES, CELLS, FAR, HEADINGS, LENGTHS, TURN, Grid
+from jaxlocomanip.planner.moves import Moves
+from jaxlocomanip.planner.pose_grid import CELL_MOVES, CELLS, FAR, HEADINGS, Grid
 
 ROUNDS = 6
 """at most"""
@@ -22,22 +21,18 @@ SETTLED = 1e-2
 """change of cost below which a round has changed nothing"""
 
 
-def cost_to_go(grid: Grid, density: Array, moves: Array, turns: Array, turn_radius: Floats) -> Array:
+def cost_to_go(grid: Grid, density: Array, moves: Moves) -> Array:
     """[HEADINGS, CELLS, CELLS] cost from each pose to the goal.
 
     Args:
       grid: where the goal is.
       density: [HEADINGS, CELLS, CELLS] cost of a unit of length at each pose.
-      moves: [HEADINGS, 3] cost factors by direction in the body frame and turn.
-      turns: [2] cost factors of turns on the spot.
-      turn_radius: m, length of a radian.
+      moves: costs of moves.
     """
     index = jnp.arange(CELLS)
     at_goal = (index[:, None] == grid.goal_cell[0]) & (index[None, :] == grid.goal_cell[1])
     goal = at_goal[None] & (jnp.arange(HEADINGS) == 0)[:, None, None]
     start = jnp.where(goal, 0.0, jnp.full(density.shape, FAR, density.dtype))
-    prices = _prices(grid, moves, turn_radius)
-    spot = turn_radius * TURN * turns
 
     def unsettled(carry: tuple[Array, Array, Array]) -> Array:
         return (carry[0] < ROUNDS) & (carry[2] > SETTLED)
@@ -46,24 +41,14 @@ def cost_to_go(grid: Grid, density: Array, moves: Array, turns: Array, turn_radi
         count, value, _ = carry
         new = value
         for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
-            new = _sweep(new, density, goal, prices, spot, axis, sign)
+            new = _sweep(new, density, goal, moves, axis, sign)
         return count + 1, new, jnp.max(value - new)
 
     first = (jnp.zeros((), jnp.int32), start, jnp.full((), FAR, density.dtype))
     return jax.lax.while_loop(unsettled, around, first)[1]
 
 
-def _prices(grid: Grid, moves: Array, turn_radius: Floats) -> list[Array]:
-    """[HEADINGS, 3] for each of the moves: its length by turn, times the team's cost factor at each heading."""
-    heading, each = np.arange(HEADINGS), []
-    for m in range(HEADINGS):
-        straight = LENGTHS[m] * grid.spacing
-        bent = jnp.sqrt(straight**2 + (turn_radius * TURN) ** 2)
-        each.append(moves[(m - heading) % HEADINGS] * jnp.stack([bent, straight, bent]))
-    return each
-
-
-def _sweep(value: Array, density: Array, goal: Array, prices: list[Array], spot: Array, axis: int, sign: int) -> Array:
+def _sweep(value: Array, density: Array, goal: Array, moves: Moves, axis: int, sign: int) -> Array:
     """Costs after one sweep over the rows across `axis` (0: x, 1: y), against the direction `sign`."""
     ahead = [(m, sign * move[axis], move[1 - axis]) for m, move in enumerate(CELL_MOVES) if sign * move[axis] >= 0]
 
@@ -71,11 +56,12 @@ def _sweep(value: Array, density: Array, goal: Array, prices: list[Array], spot:
         old, cost, target = here
         # By distance: this row, as it was, and the two rows last done.
         rows = [_widened(row) for row in (old, *done)]
+        spot = moves.on_the_spot
         best = jnp.minimum(spot[0] * cost + rows[0][:-2, _PAD:-_PAD], spot[1] * cost + rows[0][2:, _PAD:-_PAD])
         for m, distance, aside in ahead:
             for turn in range(3):
                 there = rows[distance][turn : turn + HEADINGS, _PAD + aside : _PAD + aside + CELLS]
-                best = jnp.minimum(best, prices[m][:, turn, None] * cost + there)
+                best = jnp.minimum(best, moves.by_heading[m, :, turn, None] * cost + there)
         new = jnp.where(target, 0.0, jnp.minimum(best, old))
         return (new, done[0]), new
 

@@ -1,5 +1,7 @@
 """What a team that can only push can do."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +12,7 @@ from jaxlocomanip.planner.authority import USABLE_RANGE, pushability, share, sli
 
 FOUR = [{"type": "aliengo", "face": face} for face in ("-x", "-y", "+x", "+y")]
 RADIUS = 0.2
+UNBOUNDED = 1e6
 share_jit, pushability_jit = jax.jit(share), jax.jit(pushability)
 
 
@@ -37,7 +40,7 @@ def test_a_reachable_wrench_is_shared_exactly(x64, team):
             offset = rng.uniform(ends[0], ends[1])
             force = rng.uniform(5.0, 40.0, count)
             wrench = body_wrench(made.contact_points(jnp.asarray(offset)), made.normal, jnp.asarray(force))
-            forces, offsets, residual = share_jit(made, wrench, RADIUS)
+            forces, offsets, residual = share_jit(made, wrench, RADIUS, UNBOUNDED)
             assert residual < 5e-3
             assert (forces >= 0.0).all()
             assert (np.abs(offsets) <= np.asarray(made.offset_limit)).all()
@@ -49,14 +52,14 @@ def test_a_reachable_wrench_is_shared_exactly(x64, team):
 def test_two_robots_cannot_pull(x64, team):
     made = team(2)
     for wrench in ([-20.0, 0.0, 0.0], [0.0, -20.0, 0.0], [-10.0, -10.0, 0.0]):
-        forces, _, residual = share_jit(made, jnp.array(wrench), RADIUS)
+        forces, _, residual = share_jit(made, jnp.array(wrench), RADIUS, UNBOUNDED)
         assert residual > 0.9
         assert np.abs(forces).max() < 1.0
 
 
 def test_sharing_scales_with_the_wrench(x64, team):
     made, wrench = team(2), jnp.array([20.0, 10.0, 1.0])
-    once, twice = share_jit(made, wrench, RADIUS), share_jit(made, 2.0 * wrench, RADIUS)
+    once, twice = share_jit(made, wrench, RADIUS, UNBOUNDED), share_jit(made, 2.0 * wrench, RADIUS, UNBOUNDED)
     assert np.allclose(2.0 * once[0], twice[0], rtol=1e-9)
     assert np.allclose(once[1], twice[1], atol=1e-9)
 
@@ -86,3 +89,21 @@ def test_sliding_wrench_has_the_size_of_the_friction(x64, body):
     assert np.allclose(wrench[:2], body.friction_force * jnp.array([0.6, -0.8]), rtol=1e-6)
     spin = sliding_wrench(body, jnp.array([0.0, 0.0, -2.0]), 0.0)
     assert spin[2] == pytest.approx(-float(body.friction_moment), rel=1e-6)
+
+
+def test_no_robot_is_asked_for_more_than_it_can_push(x64, team):
+    made = team(2)
+    forces, _, residual = share_jit(made, jnp.array([30.0, 5.0, 0.0]), RADIUS, jnp.array([20.0, 50.0]))
+    assert residual > 0.2
+    assert (forces <= np.array([20.0, 50.0]) + 1e-6).all()
+    assert forces[0] == pytest.approx(20.0, abs=0.1)
+
+
+def test_a_heavy_object_is_pushed_along_no_face_alone(x64, team, body):
+    """Two robots may together overcome a friction that neither does alone."""
+    made, along = team(2), jnp.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
+    friction = 1.2 * float(made.force_max[0])
+    heavy = dataclasses.replace(body, friction_force=jnp.asarray(friction), friction_moment=jnp.asarray(0.2 * friction))
+    alone, together = pushability_jit(made, heavy, along, RADIUS)
+    assert alone > 0.1
+    assert together < 0.02

@@ -128,4 +128,6 @@ def test_feed_forward_never_exceeds_what_a_robot_can_push(x64, make_scenario):
     heavy, _ = assemble(make_scenario, TWO, CONFIGS["robust"], friction=500.0)
     limit = np.asarray(light.shapes.team.force_max)
     assert (np.asarray(light.stages.force) >= 0.0).all() and (np.asarray(light.stages.force) < limit).all()
-    assert (np.asarray(heavy.stages.force[0]) == limit).all()
+    # Too heavy for the team: no more than its capacity is asked for.
+    assert (np.asarray(heavy.stages.force) <= limit).all()
+    assert (np.asarray(heavy.stages.force[0]) > 0.8 * limit).all()

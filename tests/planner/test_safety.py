@@ -44,7 +44,8 @@ def filtered(scenario, state, force, rate, config=CONFIG):
     seen = ObstacleEstimate(obstacles.position, obstacles.velocity, jnp.zeros((obstacles.position.shape[0], 3)))
     body = dataclasses.replace(scenario.object.body, friction_force=jnp.asarray(30.0), friction_moment=jnp.asarray(6.0))
     estimate = ObjectEstimate(state.pose, state.twist, zero)
-    return safety.safety_filter(force, rate, estimate, state.offset, seen, body, shapes_of(scenario), config)
+    proven = safety.least_friction(body, config)
+    return safety.safety_filter(force, rate, estimate, state.offset, seen, body, proven, shapes_of(scenario), config)
 
 
 def at(scenario, pose, twist=(0.0, 0.0, 0.0)):
@@ -185,3 +186,25 @@ def test_room_between_robots_never_runs_out(make_scenario):
         assert row @ offset <= bound + 1e-6
     assert row @ offset > bound - 0.05  # and they do use the room
     assert (keep(offset, -towards, team) == -towards).all()
+
+
+def test_friction_is_proven_by_rest_under_a_push_and_by_sliding(make_scenario):
+    """And never believed to be more than what was seen."""
+    scenario = make_scenario(truth={"friction": 0.4})
+    body, shapes, zero = scenario.object.body, shapes_of(scenario), jnp.zeros(3)
+    prove = jax.jit(safety.prove_friction)
+    push, offset = jnp.array([20.0, 0.0]), jnp.zeros(2)
+    least = safety.least_friction(body, CONFIG)
+
+    def after(twist, force, friction):
+        proven, estimate = least, ObjectEstimate(zero, jnp.asarray(twist), zero)
+        adapted = dataclasses.replace(body, friction_force=jnp.asarray(friction))
+        for _ in range(200):
+            proven = prove(proven, estimate, force, offset, adapted, shapes, CONFIG)
+        return float(proven)
+
+    share = float(CONFIG.safety.belief)
+    assert after([0.0, 0.0, 0.0], push, 80.0) == pytest.approx(share * 20.0, rel=0.1)
+    assert after([0.0, 0.0, 0.0], 0.1 * push, 80.0) == pytest.approx(float(least))
+    assert after([0.4, 0.0, 0.0], push, 30.0) == pytest.approx(share * 30.0, rel=0.01)
+    assert after([0.4, 0.0, 0.0], push, 1.0) == pytest.approx(float(least))

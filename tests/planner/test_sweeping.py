@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxlocomanip.planner.moves import Moves
 from jaxlocomanip.planner.pose_grid import CELL_MOVES, CELLS, FAR, HEADINGS, LENGTHS, TURN, Grid
 from jaxlocomanip.planner.sweeping import cost_to_go
 
@@ -35,6 +36,15 @@ def simple(density, goal_cell, moves, turns, sweeps=250):
     return value
 
 
+def priced(factors, spots):
+    """Costs of moves with factors [HEADINGS directions in the body frame, 3 turns] and [2] turns on the spot."""
+    lengths = SPACING * LENGTHS[:, None, None]
+    bent = np.hypot(lengths, RADIUS * TURN * np.array([-1.0, 0.0, 1.0]))
+    directions, headings = np.arange(HEADINGS)[:, None], np.arange(HEADINGS)[None, :]
+    table = factors[(directions - headings) % HEADINGS] * bent
+    return Moves(jnp.asarray(table, jnp.float32), jnp.asarray(RADIUS * TURN * spots, jnp.float32))
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_costs_are_those_of_plain_iteration(seed):
     random = np.random.default_rng(seed)
@@ -45,7 +55,7 @@ def test_costs_are_those_of_plain_iteration(seed):
     moves = 1.0 + 15.0 * random.uniform(0.0, 1.0, (HEADINGS, 3)) * (random.uniform(size=(HEADINGS, 1)) < 0.6)
     turns, goal = np.array([3.0, 1.5]), np.array([11, 30])
     grid = Grid(jnp.asarray(-SPACING * goal), jnp.asarray(SPACING), jnp.asarray(goal))
-    found = cost_to_go(grid, jnp.asarray(density, jnp.float32), jnp.asarray(moves), jnp.asarray(turns), RADIUS)
+    found = cost_to_go(grid, jnp.asarray(density, jnp.float32), priced(moves, turns))
     expected = simple(density, goal, moves, turns)
     assert float(found[0, 11, 30]) == 0.0
     np.testing.assert_allclose(found, expected, rtol=2e-3, atol=2e-2)
