@@ -14,6 +14,9 @@ from jaxlocomanip.planner.config import Horizon, PlannerConfig, Reference
 from jaxlocomanip.sampling.sampler import sample
 from jaxlocomanip.scenario import Padding, stack
 
+# Reverse differentiation of the whole loop compiles for minutes on a busy machine.
+pytestmark = pytest.mark.timeout(1800)
+
 TRUTH = {"mass": 8.0, "friction": 0.3, "com": [0.03, -0.04]}
 NEAR = [{"shape": "box", "size": [0.5, 0.5], "position": [1.3, 0.0]}]
 
