@@ -1,7 +1,7 @@
 """Which path to follow: the one in force, bent to where the object is now, or a new one from the search.
 
 Both are refined and priced alike, and a new path has to be clearly cheaper, so that noise and small changes of the
-estimate do not turn a team around.
+estimate do not turn a team around. The path is held fixed when gradients are taken.
 """
 
 from __future__ import annotations
@@ -55,8 +55,9 @@ def plan(
       body: the object as estimated.
       config: settings.
     """
-    pose, path, progress, obstacles, body = jax.lax.stop_gradient((pose, path, progress, obstacles, body))
-    given = (goal, shapes, obstacles, body, config)
+    pose, path, progress = jax.lax.stop_gradient((pose, path, progress))
+    given = jax.lax.stop_gradient((goal, shapes, obstacles, body, config))
+    goal, shapes, obstacles, body, config = given
     ahead = jnp.linspace(0.0, 1.0, STEPS + 1, dtype=pose.dtype) * (path.length - progress.projected)
     rest = path.at(progress.projected + ahead)
     old = refine(rest.at[0].set(pose), *given)
