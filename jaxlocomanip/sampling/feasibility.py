@@ -5,13 +5,15 @@ Only the impossible is rejected, and each rejection has a reason that is counted
 - `capacity`: the team cannot push the object straight towards the goal with more than its sliding friction, whatever
   heading between the start's and the goal's it has. The set of directions that a team can move a sliding object in at
   one heading is convex, so a detour does not help.
-- `start`: an obstacle overlaps the object or a robot at t = 0.
+- `start`: an obstacle overlaps the object or a robot at t = 0, or standing ones enclose the start: the team cannot
+  leave it (`enclosure`).
 - `goal`: at exactly the goal pose the object, or a robot at each of its contact offsets that are tried, overlaps a
   standing obstacle, or a moving one during the last seconds that count. The tolerances forgive nothing here: they are
-  for the planner's error, and a goal that nobody could stand at is not one.
+  for the planner's error, and a goal that nobody could stand at is not one. Or standing obstacles enclose the
+  goal: the team cannot come within its tolerances from anywhere (`enclosure`).
 - `contact`: the robots' contact offsets at the start are off their faces or in each other's way.
-- `blocked`: standing obstacles enclose the start or the goal, or leave only corridors narrower than what the team
-  sweeps over, for a team that can push but not pull (`passage`).
+- `blocked`: standing obstacles leave only corridors narrower than what the team sweeps over, for a team that can push
+  but not pull, and turns the object only as it moves it (`passage`).
 
 Moving obstacles make a scenario impossible only where they stand at the start or pass the goal at the end. Not rejected
 is, among others, one in which a moving obstacle runs over a team that has no way out: see `Outcome.run_over`.
@@ -31,7 +33,8 @@ from jaxlocomanip.footprint import padded, placed, polygon_gap
 from jaxlocomanip.obstacles import corners_at, moves, position_at
 from jaxlocomanip.planar.dynamics import GRAVITY
 from jaxlocomanip.robots.model import load_robot
-from jaxlocomanip.sampling.passage import blocked, offset_limits
+from jaxlocomanip.sampling.passage import obstruction
+from jaxlocomanip.sampling.pushing import offset_limits
 from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.specification import ScenarioSpec
 
@@ -41,7 +44,7 @@ REASONS = ("capacity", "start", "goal", "contact", "blocked")
 """Why scenarios are rejected."""
 PUSH_RESERVE = 1.05
 """largest push over sliding friction that a team needs at least; with exactly 1 it gets nowhere in finite time"""
-OFFSETS = np.linspace(-1.0, 1.0, 9)
+OFFSETS = (0.0, -0.25, 0.25, -0.5, 0.5, -0.75, 0.75, -1.0, 1.0)
 """contact offsets that are tried at the goal, as parts of their limits"""
 END = 2.0
 """s before the end during which the object has to be at the goal (`outcome.HOLD`)"""
@@ -59,7 +62,7 @@ def judged(spec: ScenarioSpec, index: int) -> Scenario | str:
         return "start" if field.startswith("obstacles") else "goal" if field.startswith("goal") else "contact"
     if _no_room_at_goal(spec):
         return "goal"
-    return "blocked" if blocked(spec) else scenario
+    return obstruction(spec) or scenario
 
 
 def _friction(spec: ScenarioSpec) -> float:
@@ -120,10 +123,13 @@ def _no_room_at_goal(spec: ScenarioSpec) -> bool:
     footprint = np.array(spec.object.footprint)
     if not _clear(placed(spec.goal.pose, footprint)[None], shapes, radii).all():
         return True
-    limits = offset_limits(spec)
-    # Offsets are each robot's own choice: it needs one of them to be clear.
-    ways = [robot_rectangles(spec, spec.goal.pose, part * limits) for part in OFFSETS]
-    return not np.any([_clear(way, shapes, radii) for way in ways], axis=0).all()
+    # Offsets are each robot's own choice: it needs one of them to be clear, most often the middle one.
+    limits, clear = offset_limits(spec), np.zeros(len(spec.robots), bool)
+    for part in OFFSETS:
+        clear |= _clear(robot_rectangles(spec, spec.goal.pose, (part * limits).tolist()), shapes, radii)
+        if clear.all():
+            return False
+    return True
 
 
 def _clear(bodies: Floats, shapes: Floats, radii: Floats) -> NDArray[np.bool_]:

@@ -9,7 +9,7 @@ from jaxlocomanip.build import CONTACT_MARGIN, build_on_host
 from jaxlocomanip.robots.model import load_robot
 from jaxlocomanip.sampling import feasibility
 from jaxlocomanip.sampling.feasibility import REASONS, capacity, judged
-from jaxlocomanip.sampling.passage import blocked
+from jaxlocomanip.sampling.passage import obstruction
 from jaxlocomanip.sampling.sampler import sample
 from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.specification import parse_scenario
@@ -104,14 +104,16 @@ def test_robots_at_the_goal_may_stand_anywhere_along_their_faces():
     width = load_robot("a1").half_width
     limit = 0.25 - CONTACT_MARGIN
 
-    def beside(gap):
-        return [CIRCLE | {"position": [3.3, 3.0 + sign * (0.4 + width + gap)]} for sign in (-1.0, 1.0)]
+    def no_room(gap, circles=2):
+        signs = (-1.0, 1.0)[:circles]
+        beside = [CIRCLE | {"position": [3.3, 3.0 + sign * (0.4 + width + gap)]} for sign in signs]
+        return feasibility._no_room_at_goal(parse_scenario(BASE | {"obstacles": beside}))
 
-    assert verdict(obstacles=beside(0.01)) == "feasible"
-    assert verdict(obstacles=beside(-0.01)) == "goal"
-    assert verdict(obstacles=beside(-0.01)[:1]) == "feasible"
-    assert verdict(obstacles=beside(-limit + 0.01)[:1]) == "feasible"
-    assert verdict(obstacles=beside(-limit - 0.01)[:1]) == "goal"
+    assert not no_room(0.01)
+    assert no_room(-0.01)
+    assert not no_room(-0.01, 1)
+    assert not no_room(-limit + 0.01, 1)
+    assert no_room(-limit - 0.01, 1)
 
 
 @pytest.mark.slow
@@ -120,12 +122,12 @@ def test_the_planner_solves_nothing_that_was_rejected(monkeypatch):
     found = []
 
     def remembered(spec):
-        reason = blocked(spec)
+        reason = obstruction(spec)
         if reason:
             found.append(build_on_host(spec, len(found)))
         return reason
 
-    monkeypatch.setattr(feasibility, "blocked", remembered)
+    monkeypatch.setattr(feasibility, "obstruction", remembered)
     lane = 0
     while len(found) < 12:
         sample("standard", 4, lane)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from jaxlocomanip.sampling.passage import blocked
+from jaxlocomanip.sampling.passage import obstruction
 from jaxlocomanip.specification import parse_scenario
 
 BASE = {
@@ -20,7 +20,7 @@ def box(x, y, width, height, yaw=0.0):
 
 
 def is_blocked(obstacles, **tables):
-    return blocked(parse_scenario(BASE | {"obstacles": obstacles} | tables))
+    return obstruction(parse_scenario(BASE | {"obstacles": obstacles} | tables)) is not None
 
 
 def test_open_floors_are_open():

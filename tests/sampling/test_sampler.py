@@ -65,21 +65,23 @@ def test_bad_seeds_and_indices_are_refused(seed, index):
 
 
 @pytest.mark.slow
-def test_the_coarse_search_for_a_way_never_contradicts_the_fine_one(monkeypatch):
-    """What the coarse flood lets pass, the fine one lets pass as well."""
+def test_the_coarse_searches_for_a_way_never_contradict_the_fine_one(monkeypatch):
+    """What the coarse floods let pass, the fine one lets pass as well."""
     from jaxlocomanip.sampling import passage
 
-    original = passage._passable
     asked = []
 
-    def both(way, bodies, cell, slack):
-        found = original(way, bodies, cell, slack)
-        if found and cell == passage.COARSE:
-            inner = passage._inner_discs(way.spec)
-            asked.append(original(way, inner, passage.FINE, np.pi / 8.0 + 0.5 * passage._TURN))
+    def both(find):
+        def found(spec, floor, able):
+            if not find(spec, floor, able):
+                return False
+            asked.append(passage.way_within(spec, floor, able))
+            return True
+
         return found
 
-    monkeypatch.setattr(passage, "_passable", both)
+    for name in ("_way_around", "_way_between"):
+        monkeypatch.setattr(passage, name, both(getattr(passage, name)))
     for lane in range(300):
         sample("standard", 9, lane)
     assert len(asked) > 200 and all(asked)

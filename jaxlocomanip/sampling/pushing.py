@@ -1,0 +1,93 @@
+"""Which motions a team that can push but not pull can give an object: in which directions, and how tightly it turns.
+
+On a floor with friction the object's centre of mass goes where the sum of the pushes points. Friction is an ellipsoidal
+limit surface (`planar.dynamics`), so an object slid by a force f and a moment m about the centre of mass turns by
+m / (rho^2 f) rad per metre of the way of that centre, with rho torsional over sliding friction; and |m| / |f| is
+bounded unless the pushes can cancel each other and leave a moment.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxlocomanip.build import CONTACT_MARGIN, face_index, inward_normals
+from jaxlocomanip.footprint import footprint_moments
+from jaxlocomanip.sampling.layout import push_cone
+from jaxlocomanip.specification import ScenarioSpec
+
+Floats = NDArray[np.floating[Any]]
+
+
+class Pushing(NamedTuple):
+    """Motions of the centre of mass that a team can push."""
+
+    com: Floats
+    """[2] m, true centre of mass in the object's frame"""
+    middle: float
+    """rad, middle of the directions at heading 0"""
+    half: float
+    """rad, half the width of the cone of directions"""
+    curvature: float
+    """rad/m, most turn per way; infinite for a team that turns the object on the spot"""
+
+
+def pushing(spec: ScenarioSpec) -> Pushing:
+    """What the team of a scenario can do with its object as it truly is."""
+    com = np.array(spec.object.com if spec.truth.com is None else spec.truth.com)
+    polygon = np.array(spec.object.footprint)
+    faces = [face_index(robot.face) for robot in spec.robots]
+    normals = inward_normals(polygon)[faces]
+    low, width = push_cone([math.atan2(y, x) for x, y in normals])
+    arm = math.inf
+    # Short of half a turn no pushes cancel each other.
+    if width < math.pi - 1e-6:
+        origins = (polygon[faces] + np.roll(polygon, -1, axis=0)[faces]) / 2.0 - com
+        middles = origins[:, 0] * normals[:, 1] - origins[:, 1] * normals[:, 0]
+        arm = max(_arm(normals, middles + offset_limits(spec)), _arm(normals, offset_limits(spec) - middles))
+    return Pushing(com, low + 0.5 * width, 0.5 * width, arm * _turn_per_moment(spec, com))
+
+
+def offset_limits(spec: ScenarioSpec) -> Floats:
+    """[N_r] m, largest contact offsets."""
+    polygon = np.array(spec.object.footprint)
+    lengths = np.linalg.norm(np.roll(polygon, -1, axis=0) - polygon, axis=1)
+    return np.maximum(lengths[[face_index(robot.face) for robot in spec.robots]] / 2.0 - CONTACT_MARGIN, 0.0)
+
+
+def _arm(normals: Floats, levers: Floats) -> float:
+    """m, most moment over force of pushes along normals [n, 2] with levers [n]; they span less than half a turn.
+
+    For a given force, the moment is largest with one or two robots (a basic solution of a linear program). With two it
+    is g . f, where g . n = lever for both, and largest along g if that lies between the normals.
+    """
+    best = float(levers.max())
+    for i in range(len(levers)):
+        for j in range(i):
+            (ax, ay), (bx, by) = normals[i], normals[j]
+            across = ax * by - ay * bx
+            if abs(across) < 1e-9:
+                continue
+            gx, gy = (levers[i] * by - levers[j] * ay) / across, (ax * levers[j] - bx * levers[i]) / across
+            if (gx * by - gy * bx) / across >= 0.0 and (ax * gy - ay * gx) / across >= 0.0:
+                best = max(best, math.hypot(gx, gy))
+    return max(best, 0.0)
+
+
+def _turn_per_moment(spec: ScenarioSpec, com: Floats) -> float:
+    """1/m^2, turn per way for a unit arm.
+
+    Besides friction's 1 / rho^2 it has the factor by which an object whose inertia is spread otherwise than its
+    friction may turn more, while it gathers speed or slides to a stop.
+    """
+    moments = footprint_moments(np.array(spec.object.footprint))
+    mass = spec.object.mass if spec.truth.mass is None else spec.truth.mass
+    inertia = spec.object.inertia if spec.truth.inertia is None else spec.truth.inertia
+    friction = moments.mean_radius**2
+    spread = moments.radius_of_gyration**2
+    if inertia is not None:
+        spread = max(inertia / mass - float(com @ com), 0.05 * inertia / mass)
+    return max(spread / friction, friction / spread) / friction
