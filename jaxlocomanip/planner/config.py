@@ -170,7 +170,7 @@ class SafetyFilter:
     """Coulomb coefficient that the team certainly brakes with"""
     belief: Number = 0.7
     """share of the friction seen on the way that it brakes with beyond that"""
-    margin: Number = 0.02
+    margin: Number = 0.03
     """m, free space kept by the true shapes while braking"""
     lag: Number = 0.06
     """s, after which a withdrawn push has faded"""

@@ -24,6 +24,9 @@ from jaxlocomanip.solver.sqp import Iterate, Options
 SLOW = 0.1
 """m/s, below which the plan that pushes at once is tried beside the warm start"""
 
+SURGE = 4.0
+"""N, by which a push may exceed what acts while the object hardly moves: some 60 N/s with the robots' lag"""
+
 
 @pytree
 class Report:
@@ -53,6 +56,8 @@ class Situation:
     path: Path
     progress: Progress
     offset: Array
+    force: Array
+    """[N_r] N, pushes believed to act now"""
     proven: Array
     """[] N, friction to brake with"""
 
@@ -85,7 +90,10 @@ def decide(situation: Situation, warm: Iterate, shapes: Shapes, config: PlannerC
     solver = sqp.solve(ocp, x0, warm, options(config), rival)
     n, limits = offset.shape[0], shapes.team
     first = solver.plan.us[0]
-    wanted = jnp.clip(first[:n], 0.0, limits.force_max)
+    # An object that may be half as heavy as believed is set moving gently: its velocity is known only after a while.
+    gently = jnp.where(safe_norm(estimate.twist[:2]) < SLOW, situation.force + SURGE, jnp.inf)
+    gently = jnp.where(config.safety.enabled > 0.5, gently, jnp.inf)
+    wanted = jnp.clip(first[:n], 0.0, jnp.minimum(limits.force_max, gently))
     slide = jnp.clip(first[n:], -limits.slide_speed_max, limits.slide_speed_max)
     sent = safety.safety_filter(
         wanted, slide, estimate, offset, situation.obstacles, situation.body, situation.proven, shapes, config

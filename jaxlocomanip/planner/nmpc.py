@@ -160,7 +160,7 @@ def tick(
     warm = shift(state.solver, horizon.tick / horizon.dt)
     body = parameters.body
     proven = safety.prove_friction(state.proven, estimate, force, measured.offset, body, task.shapes, config)
-    situation = Situation(estimate, body, obstacles, state.path, progress, measured.offset, proven)
+    situation = Situation(estimate, body, obstacles, state.path, progress, measured.offset, force, proven)
 
     given = (situation, warm, task.shapes, config)
     decided = _if_awake(progress, decide, given, at_rest(situation, warm), config)
