@@ -33,6 +33,14 @@ def test_a_corner_that_the_team_pushes_into_is_not_left(gap):
     assert found(corner(0.0, 0.0, gap)) == "start"
 
 
+@pytest.mark.parametrize("gap", [0.01, 0.05, 0.1])
+def test_two_blocks_no_larger_than_the_object_enclose_it_as_well(gap):
+    blocks = [box(0.45 + gap, 0.0, 0.4, 0.5), box(0.0, 0.45 + gap, 0.5, 0.4)]
+    assert found(blocks) == "start"
+    for block in blocks:
+        assert found([block]) is None
+
+
 def test_a_wall_ahead_is_passed_by_pushing_along_it():
     ahead, aside = corner(0.0, 0.0, 0.03)
     assert found([ahead]) is None
