@@ -59,6 +59,38 @@ def wrap_angle(angle: Array) -> Array:
     return angle - 2.0 * jnp.pi * jnp.floor((angle + jnp.pi) / (2.0 * jnp.pi))
 
 
+@jax.custom_jvp
+def sine_and_cosine(angle: Array) -> tuple[Array, Array]:
+    """Sine and cosine [...] of angles [...] in rad.
+
+    In single precision by reduction to a quarter turn and polynomials (those of the Cephes library), within 1.2e-7 up
+    to 1e4 rad: plain arithmetic, of which a processor does many at once, where XLA's own calls a library for each
+    number.
+    """
+    if angle.dtype != jnp.float32:
+        return jnp.sin(angle), jnp.cos(angle)
+    quarters = jnp.floor(angle * (2.0 / np.pi) + 0.5)
+    # A quarter turn in three parts, the first two of few digits, so that their multiples are exact.
+    rest = ((angle - quarters * 1.5703125) - quarters * 4.837512969970703125e-4) - quarters * 7.549789948768648e-8
+    z = rest * rest
+    sine = rest + rest * z * (-1.6666654611e-1 + z * (8.3321608736e-3 - z * 1.9515295891e-4))
+    cosine = 1.0 - 0.5 * z + z * z * (4.166664568298827e-2 + z * (-1.388731625493765e-3 + z * 2.443315711809948e-5))
+    quadrant = quarters - 4.0 * jnp.floor(0.25 * quarters)
+    odd = (quadrant == 1.0) | (quadrant == 3.0)
+    sine, cosine = jnp.where(odd, cosine, sine), jnp.where(odd, sine, cosine)
+    lower, left = quadrant >= 2.0, (quadrant == 1.0) | (quadrant == 2.0)
+    return jnp.where(lower, -sine, sine), jnp.where(left, -cosine, cosine)
+
+
+@sine_and_cosine.defjvp
+def _sine_and_cosine_jvp(
+    primals: tuple[Array], tangents: tuple[Array]
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    sine, cosine = sine_and_cosine(*primals)
+    (change,) = tangents
+    return (sine, cosine), (cosine * change, -sine * change)
+
+
 def smooth_positive(x: Array, width: Floats) -> Array:
     """Smooth positive part (x + sqrt(x^2 + 4 width^2)) / 2, without cancellation for x << 0."""
     root = jnp.sqrt(x * x + 4.0 * width * width)

@@ -14,6 +14,7 @@ from jaxlocomanip.numerics import (
     projected_least_squares,
     safe_norm,
     select,
+    sine_and_cosine,
     smooth_positive,
     symmetric_solve,
     tiny,
@@ -170,3 +171,21 @@ def test_select_takes_one_tree_whole():
     a, b = {"x": jnp.ones(2)}, {"x": jnp.array([jnp.nan, 2.0])}
     assert select(jnp.array(True), a, b)["x"].tolist() == [1.0, 1.0]
     assert select(jnp.array(False), b, a)["x"].tolist() == [1.0, 1.0]
+
+
+def test_sine_and_cosine_in_single_precision():
+    angle = np.concatenate([np.linspace(-7.0, 7.0, 20_001), np.linspace(-1e4, 1e4, 20_001)]).astype(np.float32)
+    exact = np.sin(angle.astype(float)), np.cos(angle.astype(float))
+    for found, expected in zip(jax.jit(sine_and_cosine)(angle), exact, strict=True):
+        assert found.dtype == jnp.float32
+        assert np.abs(found - expected).max() < 1.3e-7
+    slopes = jax.vmap(lambda a: jnp.stack(jax.jvp(sine_and_cosine, (a,), (jnp.float32(2.0),))[1]))(angle)
+    assert np.abs(slopes[:, 0] - 2.0 * exact[1]).max() < 3e-7
+    backwards = jax.vmap(jax.grad(lambda a: sine_and_cosine(a)[1]))(angle)
+    assert np.abs(backwards + exact[0]).max() < 1.3e-7
+
+
+def test_sine_and_cosine_in_double_precision(x64):
+    angle = jnp.linspace(-7.0, 7.0, 101)
+    sine, cosine = sine_and_cosine(angle)
+    assert (sine == jnp.sin(angle)).all() and (cosine == jnp.cos(angle)).all()

@@ -21,8 +21,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import Floats, pytree, smooth_positive, tiny
+from jaxlocomanip.numerics import Floats, pytree, tiny
+from jaxlocomanip.planar import friction
 from jaxlocomanip.planar.geometry import cross, perpendicular, rotate
+from jaxlocomanip.planar.vector import Vector, unit, vector
 
 VectorField = Callable[[Array], Array]
 """x [n] -> its time derivative [n], or [n, m] for the columns of an input map."""
@@ -77,19 +79,21 @@ def from_com(body: Body, theta: Array, twist: Array) -> Array:
 
 
 def friction_wrench(body: Body, theta: Array, twist: Array, smoothing: Floats) -> Array:
-    """f_k [3]: the wrench about p that sliding friction resists the motion with (it enters H qdd + ... + f_k = tau).
+    """f_k [3, ...]: the wrench about p that sliding friction resists the motion with (H qdd + ... + f_k = tau).
 
     Args:
       body: the object.
-      theta: [] rad.
-      twist: [3] velocity of p and omega.
+      theta: [...] rad.
+      twist: [3, ...] velocity of p and omega.
       smoothing: m/s, speed below which friction fades to zero.
     """
-    v = to_com(body, theta, twist)
-    limits = jnp.stack([body.friction_force, body.friction_force, body.friction_moment]) ** 2
-    at_com = limits * v / jnp.sqrt(jnp.sum(limits * v * v) + (smoothing * body.friction_force) ** 2 + tiny(v.dtype))
-    moment = at_com[2] + cross(rotate(theta, body.com), at_com[:2])
-    return jnp.concatenate([at_com[:2], moment[None]])
+    arm = vector(body.com).rotated(unit(theta))
+    v, omega = vector(twist) + arm.turned * twist[2], twist[2]
+    slide, turn = body.friction_force**2, body.friction_moment**2
+    power = slide * v.dot(v) + turn * omega * omega + (smoothing * body.friction_force) ** 2
+    scale = 1.0 / jnp.sqrt(power + tiny(power.dtype))
+    force = v * (slide * scale)
+    return jnp.stack([force.x, force.y, turn * omega * scale + arm.cross(force)])
 
 
 def acceleration(body: Body, theta: Array, twist: Array, wrench: Array, smoothing: Floats) -> Array:
@@ -128,57 +132,110 @@ def step(body: Body, pose: Array, twist: Array, wrench_B: Array, h: Floats, smoo
 
     Args:
       body: the object.
-      pose: q [3], m and rad.
-      twist: qd [3] at p, m/s and rad/s.
-      wrench_B: [3] about p in body axes, N and N m, constant over the step.
+      pose: q [3, ...], m and rad; the axes after the first count steps that are taken side by side.
+      twist: qd [3, ...] at p, m/s and rad/s.
+      wrench_B: [3, ...] about p in body axes, N and N m, constant over the step.
       h: time step, s.
       smoothing: m/s, width of the smoothed transition between sticking and sliding (0: exact sticking).
 
     Returns:
-      (pose [3], twist [3]) after the step.
+      (pose [3, ...], twist [3, ...]) after the step.
     """
-    inertia = jnp.stack([body.mass, body.mass, body.central_inertia])
-    middle = pose[2] + 0.5 * h * twist[2]
-    moment = wrench_B[2] - cross(body.com, wrench_B[:2])
-    force = jnp.concatenate([rotate(middle, wrench_B[:2]), moment[None]])
-    old = to_com(body, pose[2], twist)
-    new = friction_step(inertia, body.friction_force, body.friction_moment, old + h * force / inertia, h, smoothing)
-    mean = 0.5 * (old + new)
-    theta = pose[2] + h * mean[2]
-    position = pose[:2] + rotate(pose[2], body.com) + h * mean[:2] - rotate(theta, body.com)
-    return jnp.concatenate([position, theta[None]]), from_com(body, theta, new)
+    state = State(vector(pose), pose[2], vector(twist), twist[2])
+    after = advance(body, state, vector(wrench_B), wrench_B[2], h, smoothing)
+    where, velocity = after.position, after.velocity
+    return jnp.stack([where.x, where.y, after.heading]), jnp.stack([velocity.x, velocity.y, after.omega])
+
+
+@pytree
+class State:
+    """Pose and twist of the object's body point, component by component; leaves [...]."""
+
+    position: Vector
+    """m"""
+    heading: Array
+    """rad"""
+    velocity: Vector
+    """m/s"""
+    omega: Array
+    """rad/s"""
+
+
+def _drops(body: Body, h: Floats) -> friction.Drops:
+    inertia = body.mass, body.mass, body.central_inertia
+    return friction.drops(inertia, body.friction_force, body.friction_moment, h)
+
+
+def advance(body: Body, state: State, force_B: Vector, moment: Array, h: Floats, smoothing: Floats) -> State:
+    """`step`, component by component: states, forces [...] N and moments [...] N m about p, in body axes."""
+    com, omega, central = vector(body.com), state.omega, body.central_inertia
+    arm = com.rotated(unit(state.heading))
+    force = force_B.rotated(unit(state.heading + 0.5 * h * omega))
+    old = state.velocity + arm.turned * omega
+    free = old + force * (h / body.mass)
+    spun = omega + h / central * (moment - com.cross(force_B))
+    vx, vy, spin = friction.slowed((free.x, free.y, spun), _drops(body, h), smoothing)
+    new = Vector(vx, vy)
+    heading = state.heading + 0.5 * h * (omega + spin)
+    later = com.rotated(unit(heading))
+    place = state.position + arm + (old + new) * (0.5 * h) - later
+    return State(place, heading, new - later.turned * spin, spin)
+
+
+def advance_slopes(
+    body: Body, state: State, force_B: Vector, moment: Array, h: Floats, smoothing: Floats
+) -> tuple[State, list[State]]:
+    """`advance`, and its derivatives by theta, v_x, v_y, omega, and the wrench's three components in body axes."""
+    com, omega, central = vector(body.com), state.omega, body.central_inertia
+    arm, middle = com.rotated(unit(state.heading)), unit(state.heading + 0.5 * h * omega)
+    force = force_B.rotated(middle)
+    old = state.velocity + arm.turned * omega
+    push, twist = h / body.mass, h / central
+    free = old + force * push
+    spun = omega + twist * (moment - com.cross(force_B))
+    new, slowing = friction.slowing((free.x, free.y, spun), _drops(body, h), smoothing)
+    heading = state.heading + 0.5 * h * (omega + new[2])
+    later = com.rotated(unit(heading))
+    place = state.position + arm + (old + Vector(new[0], new[1])) * (0.5 * h) - later
+    after = State(place, heading, Vector(new[0], new[1]) - later.turned * new[2], new[2])
+    one, none = jnp.ones_like(omega), jnp.zeros_like(omega)
+    still = Vector(none, none)
+
+    def composed(turn: Array, drift: Vector, spin: Array, pushed: Vector, spun: Array) -> State:
+        """The end's derivative, from those of heading, old velocity and omega, and what the wrench adds to these."""
+        free, whirl = drift + pushed, spin + spun
+        x, y, end = slowing(free.x, free.y, whirl)
+        later_turn = turn + (spin + end) * (0.5 * h)
+        move = arm.turned * turn + (drift + Vector(x, y)) * (0.5 * h) - later.turned * later_turn
+        velocity = Vector(x, y) + later * (new[2] * later_turn) - later.turned * end
+        return State(move, later_turn, velocity, end)
+
+    return after, [
+        composed(one, arm * (-omega), none, force.turned * push, none),
+        composed(none, Vector(one, none), none, still, none),
+        composed(none, Vector(none, one), none, still, none),
+        composed(none, arm.turned, one, force.turned * (0.5 * h * push), none),
+        composed(none, still, none, middle * push, com.y * twist * one),
+        composed(none, still, none, middle.turned * push, -com.x * twist * one),
+        composed(none, still, none, still, twist * one),
+    ]
 
 
 def friction_step(inertia: Array, force: Array, moment: Array, free: Array, h: Floats, smoothing: Floats) -> Array:
-    """Velocity [3] at the centre of mass after friction acted for `h` on the free velocity [3].
+    """Velocity [3, ...] at the centre of mass after friction acted for `h` on the free velocity [3, ...].
 
-    In the norm s = |[v_x, v_y, (M_c/F_c) omega]| the minimiser is V_i = V_free,i s / (s + d_i) with
-    d_i = h F_c a_i / M_i, a = [1, 1, (M_c/F_c)^2], where s is the root of sum_i a_i V_free,i^2 / (s + d_i)^2 = 1,
-    or zero (sticking) if there is none. The inverse square root of that sum is concave and nearly linear in s, so
-    three Newton steps from zero reach the root from below.
+    See `friction.slowed`.
 
     Args:
       inertia: [3] diagonal inertia at the centre of mass.
       force: [] F_c, N.
       moment: [] M_c, N m.
-      free: [3] velocity without friction.
+      free: [3, ...] velocity without friction.
       h: time step, s.
       smoothing: m/s, width of the smoothed transition to rest in s.
     """
-    # The floors keep 1 / drop^3 within float32 for a frictionless floor.
-    force = jnp.maximum(force, 1e-3)
-    ratio = (moment / force) ** 2
-    shape = jnp.stack([jnp.ones_like(ratio), jnp.ones_like(ratio), ratio])
-    drop = h * force * shape / inertia + 1e-3 * tiny(free.dtype)
-    weight = shape * free * free + tiny(free.dtype) ** 2
-    root = jnp.zeros_like(force)
-    for _ in range(3):
-        start = jnp.maximum(root, 0.0)
-        quotient = weight / (start + drop) ** 2
-        value = jnp.sum(quotient)
-        root = start + (jnp.sqrt(value) - 1.0) * value / jnp.sum(quotient / (start + drop))
-    speed = smooth_positive(root, smoothing)
-    return free * speed / (speed + drop)
+    velocity, drop = (free[0], free[1], free[2]), friction.drops(inertia, force, moment, h)
+    return jnp.stack(friction.slowed(velocity, drop, smoothing))
 
 
 def control_affine(

@@ -11,12 +11,13 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import Floats, pytree, safe_norm, tiny
+from jaxlocomanip.numerics import Floats, pytree, safe_norm, sine_and_cosine, tiny
+from jaxlocomanip.planar.vector import Vector, choose, vector, vectors
 
 
 def rotate(angle: Array, v: Array) -> Array:
     """Rotate vectors [..., 2] by `angle` (rad, broadcast over the leading axes)."""
-    c, s = jnp.cos(angle), jnp.sin(angle)
+    s, c = sine_and_cosine(angle)
     return jnp.stack([c * v[..., 0] - s * v[..., 1], s * v[..., 0] + c * v[..., 1]], axis=-1)
 
 
@@ -51,58 +52,110 @@ def _edges(vertices: Array) -> tuple[Array, Array, Array, Array]:
 
 
 @pytree
+class Outline:
+    """The edges of convex polygons, along the first axis of every leaf [V, ...]."""
+
+    corner: Vector
+    """m, where an edge begins"""
+    edge: Vector
+    """m, from there to the next corner"""
+    normal: Vector
+    """outward unit normal"""
+    inverse: Array
+    """1/m^2, one over the squared length"""
+    valid: Array
+    """bool: of non-zero length"""
+
+
+def outline(corners: Vector) -> Outline:
+    """The edges of polygons with counter-clockwise corners [V, ...]."""
+    edge = Vector(jnp.roll(corners.x, -1, axis=0), jnp.roll(corners.y, -1, axis=0)) - corners
+    squared = edge.dot(edge)
+    floor = tiny(squared.dtype)
+    valid = squared > floor**2
+    normal = edge.turned * (-1.0 / jnp.sqrt(jnp.where(valid, squared, 1.0)))
+    return Outline(corners, edge, normal, 1.0 / jnp.maximum(squared, floor), valid)
+
+
+@pytree
 class Feature:
     """The part of a polygon nearest to some point: a corner, or the line of an edge."""
 
-    anchor: Array
-    """[2] the corner, or the first end of the edge"""
-    normal: Array
-    """[2] outward unit normal of the edge"""
+    anchor: Vector
+    """the corner, or the first end of the edge"""
+    normal: Vector
+    """outward unit normal of the edge"""
     flat: Array
-    """[] bool: an edge"""
+    """bool: an edge"""
 
 
-def nearest_feature(point: Array, vertices: Array) -> Feature:
-    """The feature of a convex polygon [V, 2] nearest to a point [2]; a constant to differentiation."""
-    point, vertices = jax.lax.stop_gradient((point, vertices))
-    edges, normals, _, valid = _edges(vertices)
-    offset = point - vertices
-    squared_length = jnp.maximum(jnp.sum(edges * edges, axis=1), tiny(point.dtype))
-    raw = jnp.sum(offset * edges, axis=1) / squared_length
-    along = jnp.clip(raw, 0.0, 1.0)
-    gaps = offset - along[:, None] * edges
-    planes = jnp.where(valid, jnp.sum(offset * normals, axis=1), -jnp.inf)
-    inside = jnp.any(valid) & jnp.all(planes <= 0.0)
-    index = jnp.where(inside, jnp.argmax(planes), jnp.argmin(jnp.sum(gaps * gaps, axis=1)))
-    chosen = (jnp.arange(vertices.shape[0]) == index).astype(point.dtype)
-    at_end = jnp.sum(chosen * along) >= 1.0
-    flat = inside | (jnp.any((chosen > 0.5) & valid & (raw > 0.0) & (raw < 1.0)))
-    # Sums of products, not matrix products: under `vmap` those would be many tiny library calls.
-    pick = chosen[:, None]
-    anchor = jnp.sum(pick * (vertices + jnp.where(at_end & ~flat, edges, 0.0)), axis=0)
-    return Feature(anchor, jnp.sum(pick * normals, axis=0), flat)
+def nearest_feature(point: Vector, shape: Outline) -> Feature:
+    """The features of convex polygons nearest to points; constants to differentiation.
+
+    Args:
+      point: [...] m.
+      shape: leaves [V, ...], that broadcast with the points after their first axis.
+    """
+    return feature_of(nearest_code(point, shape), shape)
 
 
-def feature_distance(point: Array, feature: Feature) -> tuple[Array, Array, Array]:
-    """Signed distance [], its gradient [2] and its curvature [] at a point [2].
+def nearest_code(point: Vector, shape: Outline) -> Array:
+    """What `nearest_feature` finds, as an int [...]: 2 v for corner v, 2 v + 1 for the edge that begins there."""
+    point, shape = jax.lax.stop_gradient((point, shape))
+    count = shape.inverse.shape[0]
+    least = jnp.full_like(point.x, jnp.inf)
+    deepest = -least
+    outside = inside = jnp.zeros(point.x.shape, jnp.int32)
+    for v in range(count):
+        offset, edge = point - shape.corner[v], shape.edge[v]
+        raw = offset.dot(edge) * shape.inverse[v]
+        gap = offset - edge * jnp.clip(raw, 0.0, 1.0)
+        squared = gap.dot(gap)
+        corner = jnp.where(raw >= 1.0, 2 * ((v + 1) % count), 2 * v)
+        flat = shape.valid[v] & (raw > 0.0) & (raw < 1.0)
+        nearer = squared < least
+        outside = jnp.where(nearer, jnp.where(flat, 2 * v + 1, corner), outside)
+        least = jnp.where(nearer, squared, least)
+        plane = jnp.where(shape.valid[v], offset.dot(shape.normal[v]), -jnp.inf)
+        inside = jnp.where(plane > deepest, 2 * v + 1, inside)
+        deepest = jnp.maximum(plane, deepest)
+    return jnp.where((deepest <= 0.0) & (deepest > -jnp.inf), inside, outside)
+
+
+def feature_of(code: Array, shape: Outline) -> Feature:
+    """The feature that a code [...] of `nearest_code` stands for."""
+    shape = jax.lax.stop_gradient(shape)
+    whole = jnp.zeros(code.shape, shape.inverse.dtype)
+    anchor, normal = shape.corner[0] + Vector(whole, whole), shape.normal[0] + Vector(whole, whole)
+    for v in range(1, shape.inverse.shape[0]):
+        reached = code >= 2 * v
+        anchor, normal = choose(reached, shape.corner[v], anchor), choose(reached, shape.normal[v], normal)
+    return Feature(anchor, normal, code % 2 == 1)
+
+
+def feature_distance(point: Vector, feature: Feature) -> tuple[Array, Vector, Array]:
+    """Signed distances [...], their gradients and their curvatures [...] at points [...].
 
     The Hessian of the distance is curvature (I - n n') with the unit gradient n.
     """
     w = point - feature.anchor
-    length = safe_norm(w)
-    floor = jnp.maximum(length, tiny(point.dtype))
-    normal = jnp.where(feature.flat, feature.normal, w / floor)
-    distance = jnp.where(feature.flat, jnp.sum(w * feature.normal), length)
-    return distance, normal, jnp.where(feature.flat, 0.0, 1.0 / floor)
+    squared = w.dot(w)
+    away = squared > tiny(squared.dtype) ** 2
+    length = jnp.sqrt(jnp.where(away, squared, tiny(squared.dtype) ** 2))
+    curvature = 1.0 / length
+    normal = choose(feature.flat, feature.normal, w * curvature)
+    distance = jnp.where(feature.flat, w.dot(feature.normal), jnp.where(away, length, 0.0))
+    return distance, normal, jnp.where(feature.flat, 0.0, curvature)
 
 
 def point_distance(point: Array, vertices: Array, radius: Floats) -> Array:
-    """Signed distance in m from a point [2] to a rounded polygon.
+    """Signed distance in m from a point [2] to a rounded polygon with corners [V, 2].
 
     Exact outside and, for a polygon, the distance to the nearest face plane inside. Differentiable: the nearest
     corner or edge is chosen first and held fixed.
     """
-    return feature_distance(point, nearest_feature(point, vertices))[0] - radius
+    at = vector(point)
+    return feature_distance(at, nearest_feature(at, outline(vectors(vertices))))[0] - radius
 
 
 def quick_point_distance(point: Array, vertices: Array, radius: Floats) -> Array:

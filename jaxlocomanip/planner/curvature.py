@@ -8,7 +8,7 @@ out. The tests hold it against automatic differentiation.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
 from typing import TYPE_CHECKING, NamedTuple
 
 import jax
@@ -17,10 +17,10 @@ from jax import Array
 
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.geometry import cross, perpendicular, rotate
-from jaxlocomanip.planner import constraints
+from jaxlocomanip.planar.vector import unit, vector
+from jaxlocomanip.planner import barriers
 from jaxlocomanip.planner.constraints import Motion
 from jaxlocomanip.planner.penalty import relaxed_barrier
-from jaxlocomanip.planner.shapes import ROBOT_DISCS
 from jaxlocomanip.solver.ocp import StageModel
 
 if TYPE_CHECKING:
@@ -48,8 +48,7 @@ def stage_curvature(
     motion = Motion(x[:3], x[3:6], acceleration, u[:n], x[6:], u[n:])
     by_z = jnp.eye(x.shape[0] + 2 * n, dtype=x.dtype)
     by_acceleration = (model.dynamics[3:6] - by_z[3:6]) / dt
-    objects, by_pull = _object_part(problem, motion, by_z, by_acceleration, data)
-    robots = _robot_part(problem, motion, by_z, data)
+    discs, by_pull = _disc_part(problem, motion, by_z, by_acceleration, data)
 
     # The acceleration is part of the next state, so what pulls at it adds to the multiplier.
     pulled = multiplier[:6].at[3:].add(by_pull / dt)
@@ -64,7 +63,7 @@ def stage_curvature(
     rows = jnp.concatenate([by_z[:6], wrench_rows, turning[None]])
     pairs = (by_wrench + by_wrench_too)[2] * lever
     bilinear = jnp.sum(pairs[:, None, None] * by_z[6 : 6 + n, :, None] * by_z[6 + n : 6 + 2 * n, None, :], axis=0)
-    return objects + robots + _congruent(core + conditioned, rows) + bilinear + bilinear.T
+    return discs + _congruent(core + conditioned, rows) + bilinear + bilinear.T
 
 
 def _congruent(matrix: Array, rows: Array) -> Array:
@@ -143,17 +142,19 @@ def _step_part(problem: PushProblem, x: Array, wrench_B: Array, multiplier: Arra
         return slope, slope
 
     curved, at_free = jax.jacfwd(pulled, has_aux=True)(free.value)
-    unit = jnp.eye(9, dtype=x.dtype)
+    basis = jnp.eye(9, dtype=x.dtype)
     by_spin = jnp.sum(jax.jacfwd(after)(free.value)[2][:, None] * free.rows, axis=0)
-    by_heading = unit[_THETA] + 0.5 * h * (unit[_OMEGA] + by_spin)
+    by_heading = basis[_THETA] + 0.5 * h * (basis[_OMEGA] + by_spin)
     bend = _dot(to_p, end) + new[2] * _dot(to_v, perpendicular(end))
     total = _congruent(curved, free.rows) + bend * by_heading[:, None] * by_heading
     total = total + _mixed(_dot(to_v, end), by_heading, by_spin)
     # The old velocity bends with the heading, the push with the heading half-way.
     at_old = at_free[:2] + 0.5 * h * to_p
     turn = -omega * _dot(at_old, perpendicular(arm)) - _dot(to_p, arm)
-    total = total + turn * unit[_THETA][:, None] * unit[_THETA] - _mixed(_dot(at_old, arm), unit[_THETA], unit[_OMEGA])
-    half = unit[_THETA] + 0.5 * h * unit[_OMEGA]
+    total = (
+        total + turn * basis[_THETA][:, None] * basis[_THETA] - _mixed(_dot(at_old, arm), basis[_THETA], basis[_OMEGA])
+    )
+    half = basis[_THETA] + 0.5 * h * basis[_OMEGA]
     total = total - free.gain * _dot(at_free[:2], free.push) * half[:, None] * half
     across = rotate(-theta - 0.5 * h * omega, -perpendicular(at_free[:2]))
     spread = free.gain * jnp.zeros(9, x.dtype).at[6:8].set(across)
@@ -181,105 +182,72 @@ def _slopes(problem: PushProblem, h: Array, first: int) -> Array:
     return relaxed_barrier(h, problem.config.horizon.dt * rows.weight, rows.switch, rows.reach).slope
 
 
-def _object_part(
+def _disc_part(
     problem: PushProblem, motion: Motion, by_z: Array, by_acceleration: Array, data: StageData
 ) -> tuple[Array, Array]:
-    """Curvature [nz, nz] of the object's conditions at given curvature of the acceleration, gradient [3] by it."""
-    settings, shapes = problem.config.constraints, problem.shapes
-    discs = constraints.object_discs(motion, shapes)
-    first = 6 * motion.force.shape[0] + shapes.team.pair_bounds.shape[0] + 1
-
-    def condition(v: Array, obstacle: constraints.Obstacle) -> Array:
-        return constraints.object_condition(v[:2], v[2:4], v[4:], obstacle, settings)
-
-    six = jnp.concatenate([discs.centers, discs.speeds, discs.pulls], axis=1)
-    curved, gradient = _weighted(problem, condition, six, data.obstacles.objects, first)
+    """Curvature [nz, nz] of the discs' conditions at given curvature of the acceleration, gradient [3] by it."""
+    n = motion.force.shape[0]
+    curved, gradient, moving, sliding = _weighted(problem, motion, data)
     at_center, at_speed, at_pull = gradient[:, :2], gradient[:, 2:4], gradient[:, 4:]
     omega, alpha = motion.twist[2], motion.acceleration[2]
-    arm = discs.centers - motion.pose[:2]
-    turned = perpendicular(arm)
-    theta, spin, swing = by_z[_THETA], by_z[_OMEGA], by_acceleration[2]
+    arm, along = (jnp.stack([v.x, v.y], axis=1) for v in (moving.arm, moving.slide))
+    turned, across, rate = perpendicular(arm), perpendicular(along), sliding
+    owned = barriers.by_disc(jnp.eye(n, dtype=arm.dtype), problem.shapes)
+    offset = jnp.sum(owned[:, :, None] * by_z[6 : 6 + n], axis=1)
+    slide = jnp.sum(owned[:, :, None] * by_z[6 + 2 * n :], axis=1)
+    theta, spin = (jnp.broadcast_to(by_z[i], offset.shape) for i in (_THETA, _OMEGA))
+    swing = jnp.broadcast_to(by_acceleration[2], offset.shape)
     rows = jnp.concatenate(
         [
-            by_z[:2] + turned[..., None] * theta,
-            by_z[3:5] - omega * arm[..., None] * theta + turned[..., None] * spin,
-            by_acceleration[:2]
-            - (alpha * arm + omega**2 * turned)[..., None] * theta
-            - 2.0 * omega * arm[..., None] * spin
-            + turned[..., None] * swing,
-        ],
-        axis=1,
-    )
-    total = jnp.sum(_congruent(curved, rows), axis=0)
-    out, around = _dot(at_pull, arm), _dot(at_pull, turned)
-    bend = jnp.sum(-_dot(at_center, arm) - omega * _dot(at_speed, turned) - alpha * around + omega**2 * out)
-    total = total + bend * theta[:, None] * theta - 2.0 * jnp.sum(out) * spin[:, None] * spin
-    total = total + _mixed(jnp.sum(-_dot(at_speed, arm) - 2.0 * omega * around), theta, spin)
-    total = total + _mixed(-jnp.sum(out), theta, swing)
-    return total, jnp.append(jnp.sum(at_pull, axis=0), jnp.sum(around))
-
-
-def _robot_part(problem: PushProblem, motion: Motion, by_z: Array, data: StageData) -> Array:
-    """Curvature [nz, nz] of the robots' conditions."""
-    settings, shapes = problem.config.constraints, problem.shapes
-    n = motion.force.shape[0]
-    discs = constraints.robot_discs(motion, shapes)
-    objects = shapes.object_radii.shape[0] * shapes.obstacle_mask.shape[0]
-    first = 6 * n + shapes.team.pair_bounds.shape[0] + 1 + objects
-
-    def condition(v: Array, obstacle: constraints.Obstacle) -> Array:
-        return constraints.robot_condition(v[:2], v[2:], obstacle, settings)
-
-    four = jnp.concatenate([discs.centers, discs.speeds], axis=1)
-    curved, gradient = _weighted(problem, condition, four, data.obstacles.robots, first)
-    at_center, at_speed = gradient[:, :2], gradient[:, 2:]
-    omega = motion.twist[2]
-    arm = discs.centers - motion.pose[:2]
-    turned = perpendicular(arm)
-    along = jnp.repeat(rotate(motion.pose[2], shapes.team.tangent), ROBOT_DISCS, axis=0)
-    across = perpendicular(along)
-    rate = jnp.repeat(motion.offset_rate, ROBOT_DISCS)
-    theta, spin = by_z[_THETA], by_z[_OMEGA]
-    offset = jnp.repeat(by_z[6 : 6 + n], ROBOT_DISCS, axis=0)
-    slide = jnp.repeat(by_z[6 + 2 * n :], ROBOT_DISCS, axis=0)
-    rows = jnp.concatenate(
-        [
-            by_z[:2] + turned[..., None] * theta + along[..., None] * offset[:, None],
+            by_z[:2] + turned[..., None] * theta[:, None] + along[..., None] * offset[:, None],
             by_z[3:5]
-            + (rate[:, None] * across - omega * arm)[..., None] * theta
-            + turned[..., None] * spin
+            + (rate[:, None] * across - omega * arm)[..., None] * theta[:, None]
+            + turned[..., None] * spin[:, None]
             + omega * across[..., None] * offset[:, None]
             + along[..., None] * slide[:, None],
+            by_acceleration[:2]
+            - (alpha * arm + omega**2 * turned)[..., None] * theta[:, None]
+            - 2.0 * omega * arm[..., None] * spin[:, None]
+            + turned[..., None] * swing[:, None],
         ],
         axis=1,
     )
+    out, around, lead = _dot(at_pull, arm), _dot(at_pull, turned), _dot(at_speed, across)
     bend = -_dot(at_center, arm) - omega * _dot(at_speed, turned) - rate * _dot(at_speed, along)
-    total = _congruent(curved, rows) + bend[:, None, None] * theta[:, None] * theta
-    total = total + _mixed(
-        -_dot(at_speed, arm), jnp.broadcast_to(theta, offset.shape), jnp.broadcast_to(spin, offset.shape)
+    bend = bend - alpha * around + omega**2 * out
+    total = _congruent(curved, rows) + 0.5 * _mixed(bend, theta, theta) - _mixed(out, spin, spin)
+    total = total + _mixed(-_dot(at_speed, arm) - 2.0 * omega * around, theta, spin) - _mixed(out, theta, swing)
+    total = total + _mixed(_dot(at_center, across) - omega * _dot(at_speed, along), theta, offset)
+    total = total + _mixed(lead, spin, offset) + _mixed(lead, theta, slide)
+    return jnp.sum(total, axis=0), jnp.append(jnp.sum(at_pull, axis=0), jnp.sum(around))
+
+
+def _weighted(problem: PushProblem, motion: Motion, data: StageData) -> tuple[Array, Array, barriers.DiscMotion, Array]:
+    """Hessians [D, 6, 6] and gradients [D, 6] of the discs' conditions by centre, velocity and acceleration.
+
+    They are weighted by P' and summed over obstacles. Also the motion of the discs, leaves [D], and their rates of
+    sliding [D].
+    """
+    settings, shapes, heading = problem.config.constraints, problem.shapes, unit(motion.pose[2])
+    every, sliding = barriers.discs(shapes, settings), barriers.by_disc(motion.offset_rate, shapes)
+    moving = jax.vmap(barriers.disc_motion, (0, 0, 0, None, None))(
+        every, barriers.by_disc(motion.offset, shapes), sliding, motion, heading
     )
-    lead = _dot(at_speed, across)
-    total = total + _mixed(
-        _dot(at_center, across) - omega * _dot(at_speed, along), jnp.broadcast_to(theta, offset.shape), offset
-    )
-    total = total + _mixed(lead, jnp.broadcast_to(spin, offset.shape), offset)
-    return jnp.sum(total + _mixed(lead, jnp.broadcast_to(theta, offset.shape), slide), axis=0)
 
+    def condition(v: Array, disc: barriers.Discs, obstacle: barriers.Obstacles) -> Array:
+        now = dataclasses.replace(moving, center=vector(v), speed=vector(v[2:]), pull=vector(v[4:]))
+        return barriers.condition(disc, now, barriers.approach(disc, now.center, obstacle), obstacle, settings)
 
-def _weighted(
-    problem: PushProblem,
-    condition: Callable[[Array, constraints.Obstacle], Array],
-    motions: Array,
-    obstacles: constraints.Obstacle,
-    first: int,
-) -> tuple[Array, Array]:
-    """Hessians [K, m, m] and gradients [K, m] of conditions of discs in motion [K, m], by P' summed over obstacles."""
-
-    def slope(v: Array, obstacle: constraints.Obstacle) -> tuple[Array, tuple[Array, Array]]:
-        value, gradient = jax.value_and_grad(condition)(v, obstacle)
+    def slope(v: Array, disc: barriers.Discs, obstacle: barriers.Obstacles) -> tuple[Array, tuple[Array, Array]]:
+        value, gradient = jax.value_and_grad(condition)(v, disc, obstacle)
         return gradient, (value, gradient)
 
-    every = jax.vmap(jax.vmap(jax.jacfwd(slope, has_aux=True), (None, 0)), (0, 0))
-    curved, (values, gradients) = every(motions, obstacles)
+    per_obstacle = jax.vmap(jax.jacfwd(slope, has_aux=True), (None, None, 0))
+    seen = barriers.Obstacles(feature=0, place=None, drift=None, rounding=None)  # pyright: ignore[reportArgumentType]
+    parts = (moving.center, moving.speed, moving.pull)
+    six = jnp.stack([component for v in parts for component in (v.x, v.y)], axis=1)
+    curved, (values, gradients) = jax.vmap(per_obstacle, (0, 0, seen))(six, every, data.obstacles)
+    first = 6 * motion.force.shape[0] + shapes.team.pair_bounds.shape[0] + 1
     weight = _slopes(problem, values.reshape(-1), first).reshape(values.shape)
-    return jnp.sum(weight[..., None, None] * curved, axis=1), jnp.sum(weight[..., None] * gradients, axis=1)
+    curved, gradient = jnp.sum(weight[..., None, None] * curved, axis=1), jnp.sum(weight[..., None] * gradients, axis=1)
+    return curved, gradient, moving, sliding

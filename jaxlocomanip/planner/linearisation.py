@@ -1,200 +1,240 @@
-"""Gauss-Newton model of a stage of `problem.PushProblem` with its known zeros left out.
+"""Gauss-Newton model of all stages of a `problem.PushProblem` at once, its known zeros left out.
 
 Most inequalities are bounds on single variables and the tracking cost is diagonal, the step depends on few inputs,
 and a barrier condition depends on the centre, velocity and acceleration of one disc. Differentiating those small
 pieces and composing them costs a fraction of forward differentiation of the whole stage, and gives the same numbers
-(tests hold them together).
+(tests hold them together). Variables are z = [p, theta, v, omega, d, f, ddot]; arrays have stages last.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxlocomanip.numerics import pytree
 from jaxlocomanip.planar import dynamics
-from jaxlocomanip.planar.geometry import cross, perpendicular, rotate
-from jaxlocomanip.planner import constraints
-from jaxlocomanip.planner.constraints import Discs, Motion
+from jaxlocomanip.planar.geometry import Feature, cross
+from jaxlocomanip.planar.vector import Vector, trailing, unit, vector
+from jaxlocomanip.planner import barriers, constraints
+from jaxlocomanip.planner.barriers import Approach, DiscMotion, Discs
+from jaxlocomanip.planner.constraints import Motion
 from jaxlocomanip.planner.penalty import relaxed_barrier
-from jaxlocomanip.planner.shapes import ROBOT_DISCS
-from jaxlocomanip.solver.ocp import StageModel
+from jaxlocomanip.solver.ocp import Penalty, StageModel
 
 if TYPE_CHECKING:
     from jaxlocomanip.planner.problem import PushProblem, StageData
 
 
-def stage_model(problem: PushProblem, x: Array, u: Array, data: StageData) -> StageModel:
-    """Hessian, gradient, dynamics and cost of one stage (see `solver.ocp.StageModel`)."""
+@pytree
+class Step:
+    """The prediction of all stages and its derivatives."""
+
+    following: Array
+    """[nx, N]"""
+    jacobian: Array
+    """[nx, nz, N]"""
+    wrench: Array
+    """[3, N] body axes"""
+    wrench_rows: Array
+    """[2 N_r, 3, N] derivatives of the wrench by the offsets and the forces"""
+
+
+def model(problem: PushProblem, x: Array, u: Array, data: StageData) -> StageModel:
+    """Models of the stages at states [nx, N] and inputs [nu, N]; leaves [N, ...]."""
     n = x.shape[0] - 6
-    force, rate, offset = u[:n], u[n:], x[6:]
     dt = problem.config.horizon.dt
-    following, dynamics_rows, wrench_rows, wrench_B = _step(problem, x, u)
-    acceleration = (following[3:6] - x[3:6]) / dt
-    motion = Motion(x[:3], x[3:6], acceleration, force, offset, rate)
+    step = linear_step(problem, x, u)
+    acceleration = (step.following[3:6] - x[3:6]) / dt
+    motion = Motion(x[:3], x[3:6], acceleration, u[:n], x[6:], u[n:])
     diagonal, gradient, cost = _separable(problem, x, u, motion, data)
-    rows, h = _coupled(problem, motion, wrench_B, dynamics_rows, wrench_rows, data)
-    skip = 6 * n
-    rest = jax.tree.map(lambda v: v[skip:], problem.barriers)
+    rows, h = _coupled(problem, motion, step, data)
+    rest = jax.tree.map(lambda v: trailing(v[6 * n :], h), problem.barriers)
     penalty = relaxed_barrier(h, dt * rest.weight, rest.switch, rest.reach)
-    weighted = penalty.curvature[:, None] * rows
-    hessian = jnp.diag(diagonal) + jnp.sum(weighted[:, :, None] * rows[:, None, :], axis=0)
-    gradient = gradient + jnp.sum(penalty.slope[:, None] * rows, axis=0)
-    return StageModel(hessian, gradient, dynamics_rows, following, cost + jnp.sum(penalty.value))
+    hessian, gradient = _composed(rows, penalty, diagonal, gradient)
+    cost = cost + jnp.sum(penalty.value, axis=0)
+    found = StageModel(hessian, gradient, step.jacobian, step.following, cost)
+    return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), found)
 
 
-def _step(problem: PushProblem, x: Array, u: Array) -> tuple[Array, Array, Array, Array]:
-    """Next state [nx], its Jacobian [nx, nz], the wrench's Jacobian [3, nz] and the wrench [3], body axes."""
+def _composed(rows: Array, penalty: Penalty, diagonal: Array, gradient: Array) -> tuple[Array, Array]:
+    """Hessian [nz, nz, N] and gradient [nz, N], those of the separable terms [nz, N] included."""
+
+    def column(given: tuple[Array, Array, Array, Array]) -> tuple[Array, Array]:
+        # Sums written out: a reduction over the first axis would not run along the stages.
+        own, basis, diagonal, gradient = given
+        total = basis[:, None] * diagonal
+        for row, factor, slope, curvature in zip(rows, own, penalty.slope, penalty.curvature, strict=True):
+            total = total + (curvature * factor) * row
+            gradient = gradient + slope * factor
+        return total, gradient
+
+    basis = jnp.eye(diagonal.shape[0], dtype=diagonal.dtype)
+    return jax.lax.map(column, (jnp.swapaxes(rows, 0, 1), basis, diagonal, gradient))
+
+
+def linear_step(problem: PushProblem, x: Array, u: Array) -> Step:
+    """Next states and their Jacobian."""
     n = x.shape[0] - 6
     horizon, team = problem.config.horizon, problem.shapes.team
-    points = team.contact_points(x[6:])
-    arms = cross(points, team.normal)
-    wrench_B = dynamics.body_wrench(points, team.normal, u[:n])
-
-    def advance(y: Array) -> tuple[Array, Array]:
-        pose = jnp.concatenate([x[:2], y[:1]])
-        new = jnp.concatenate(dynamics.step(problem.body, pose, y[1:4], y[4:], horizon.dt, horizon.smoothing))
-        return new, new
-
-    inputs = jnp.concatenate([x[2:6], wrench_B])
-    jacobian, new = jax.jacfwd(advance, has_aux=True)(inputs)
-    zeros = jnp.zeros((3, n), x.dtype)
-    by_offset = zeros.at[2].set(u[:n] * cross(team.tangent, team.normal))
-    by_force = jnp.concatenate([team.normal.T, arms[None]])
-    wrench_rows = jnp.concatenate([jnp.zeros((3, 6), x.dtype), by_offset, by_force, zeros], axis=1)
-    place = jnp.eye(6, 2, dtype=x.dtype)
-    pushed = jnp.sum(jacobian[:, 4:, None] * wrench_rows[None, :, 6:], axis=1)
-    top = jnp.concatenate([place, jacobian[:, :4], pushed], axis=1)
+    wrench_B = problem.wrench(x, u)
+    state = dynamics.State(vector(x), x[2], vector(x[3:]), x[5])
+    after, slopes = dynamics.advance_slopes(
+        problem.body, state, vector(wrench_B), wrench_B[2], horizon.dt, horizon.smoothing
+    )
+    turns = trailing(cross(team.tangent, team.normal), u[:n]) * u[:n]
+    arms, none = problem.arms(x[6:]), jnp.zeros_like(x[0])
+    by_offset = [jnp.stack([none, none, turns[i]]) for i in range(n)]
+    by_force = [jnp.stack([none + team.normal[i, 0], none + team.normal[i, 1], arms[i]]) for i in range(n)]
+    wrench_rows = jnp.stack([*by_offset, *by_force])
+    by_state, by_wrench = [_components(slope) for slope in slopes[:4]], [_components(slope) for slope in slopes[4:]]
+    pushed = [[sum(by_wrench[k][i] * row[k] for k in range(3)) for i in range(6)] for row in (*by_offset, *by_force)]
+    place = [[none + float(i == j) for i in range(6)] for j in range(2)]
+    moving = [*place, *by_state, *pushed, *[[none] * 6] * n]
     eye = jnp.eye(n, dtype=x.dtype)
-    bottom = jnp.concatenate([jnp.zeros((n, 6), x.dtype), eye, jnp.zeros((n, n), x.dtype), horizon.dt * eye], axis=1)
-    following = jnp.concatenate([new, x[6:] + horizon.dt * u[n:]])
-    return following, jnp.concatenate([top, bottom]), wrench_rows, wrench_B
+    slid = jnp.concatenate([jnp.zeros((n, 6), x.dtype), eye, 0.0 * eye, horizon.dt * eye], axis=1)
+    top = jnp.stack([column[i] for i in range(6) for column in moving]).reshape(6, 6 + 3 * n, -1)
+    jacobian = jnp.concatenate([top, slid[..., None] + none])
+    following = jnp.concatenate([jnp.stack(_components(after)), x[6:] + horizon.dt * u[n:]])
+    return Step(following, jacobian, wrench_B, wrench_rows)
+
+
+def _components(state: dynamics.State) -> list[Array]:
+    return [state.position.x, state.position.y, state.heading, state.velocity.x, state.velocity.y, state.omega]
 
 
 def _separable(problem: PushProblem, x: Array, u: Array, motion: Motion, data: StageData) -> tuple[Array, Array, Array]:
-    """Diagonal Hessian [nz], gradient [nz] and cost [] of the tracking terms and the bounds."""
-    from jaxlocomanip.planner.problem import roots, tracking_error
-
+    """Diagonal Hessian [nz, N], gradient [nz, N] and cost [N] of the tracking terms and the bounds."""
     n = x.shape[0] - 6
-    dt, weights = problem.config.horizon.dt, problem.config.weights
-    ones = jnp.ones(n, x.dtype)
-    error = jnp.concatenate(
-        [
-            tracking_error(x, data.pose, data.twist),
-            motion.offset - data.offset,
-            motion.force - data.force,
-            motion.offset_rate,
-        ]
-    )
-    track = dt * jnp.concatenate(
-        [
-            roots(weights.pose, weights.twist) ** 2,
-            weights.offset * ones,
-            weights.force * ones,
-            weights.offset_rate * ones,
-        ]
-    )
-    groups = constraints.bounds(motion, problem.shapes)[:3]
-    h = jnp.stack([g.reshape(2, n) for g in (groups[1], groups[0], groups[2])])
-    order = jnp.array([1, 0, 2])
-    rows = jax.tree.map(lambda v: v[: 6 * n].reshape(3, 2, n)[order], problem.barriers)
-    penalty = relaxed_barrier(h, dt * rows.weight, rows.switch, rows.reach)
-    slope = (penalty.slope[:, 0] - penalty.slope[:, 1]).reshape(-1)
-    curvature = jnp.sum(penalty.curvature, axis=1).reshape(-1)
-    none = jnp.zeros(6, x.dtype)
-    sign = jnp.concatenate([none, slope])
-    diagonal = track + jnp.concatenate([none, curvature])
-    cost = 0.5 * jnp.sum(track * error**2) + jnp.sum(penalty.value)
-    return diagonal, track * error + sign, cost
-
-
-def _coupled(
-    problem: PushProblem,
-    motion: Motion,
-    wrench_B: Array,
-    dynamics_rows: Array,
-    wrench_rows: Array,
-    data: StageData,
-) -> tuple[Array, Array]:
-    """Jacobian [m, nz] and values [m] of the team, CLF, object and robot conditions, in that order."""
-    shapes = problem.shapes
-    n = motion.force.shape[0]
-    pairs = jnp.zeros((shapes.team.pair_bounds.shape[0], 6 + 3 * n), motion.pose.dtype)
-    pairs = pairs.at[:, 6 : 6 + n].set(-shapes.team.pair_rows)
-    room = shapes.team.pair_bounds - shapes.team.pair_rows @ motion.offset
-
-    clf, (by_pose, by_twist, by_wrench) = jax.value_and_grad(problem.lyapunov, argnums=(0, 1, 2))(
-        motion.pose, motion.twist, wrench_B, data
-    )
-    clf_row = jnp.concatenate([by_pose, by_twist, jnp.zeros(3 * n, by_pose.dtype)])
-    clf_row = clf_row + jnp.sum(by_wrench[:, None] * wrench_rows, axis=0)
-
-    object_rows, object_h = _object_rows(problem, motion, dynamics_rows, data)
-    robot_rows, robot_h = _robot_rows(problem, motion, data)
-    rows = jnp.concatenate([pairs, clf_row[None], object_rows, robot_rows])
-    return rows, jnp.concatenate([room, clf[None], object_h, robot_h])
-
-
-def _chain(discs: Discs, origin: Array, omega: Array, alpha: Array, by: tuple[Array, Array, Array]) -> Array:
-    """[m, 9] derivative by (q, qd, qdd) of conditions with gradients `by` centre, speed and pull [m, 2]."""
-    arms = discs.centers - origin
-    turned = perpendicular(arms)
-    center, speed, pull = by
-    by_heading = (
-        jnp.sum(center * turned, axis=-1)
-        - omega * jnp.sum(speed * arms, axis=-1)
-        + jnp.sum(pull * (-alpha * arms - omega**2 * turned), axis=-1)
-    )
-    by_omega = jnp.sum(speed * turned, axis=-1) - 2.0 * omega * jnp.sum(pull * arms, axis=-1)
-    by_alpha = jnp.sum(pull * turned, axis=-1)
-    return jnp.concatenate([center, by_heading[:, None], speed, by_omega[:, None], pull, by_alpha[:, None]], axis=1)
-
-
-def _object_rows(problem: PushProblem, motion: Motion, dynamics_rows: Array, data: StageData) -> tuple[Array, Array]:
-    settings = problem.config.constraints
-    discs = constraints.object_discs(motion, problem.shapes)
-    slope = jax.value_and_grad(constraints.object_condition, argnums=(0, 1, 2))
-    every = jax.vmap(jax.vmap(slope, (None, None, None, 0, None)), (0, 0, 0, 0, None))
-    h, by = every(discs.centers, discs.speeds, discs.pulls, data.obstacles.objects, settings)
-    count = h.shape[1]
-    spread = jax.tree.map(lambda v: jnp.repeat(v, count, axis=0), discs)
-    flat = tuple(v.reshape(-1, 2) for v in by)
-    nine = _chain(spread, motion.pose[:2], motion.twist[2], motion.acceleration[2], flat)
     dt = problem.config.horizon.dt
-    velocity = jnp.eye(3, dynamics_rows.shape[1], 3, dtype=nine.dtype)
-    acceleration_rows = (dynamics_rows[3:6] - velocity) / dt
-    rows = jnp.sum(nine[:, 6:, None] * acceleration_rows[None], axis=1)
-    return rows.at[:, :6].add(nine[:, :6]), h.reshape(-1)
+    error = problem.errors(x, u, data)
+    track = dt * trailing(problem.weights(), error)
+    penalties = []
+    for k, h in enumerate(constraints.bounds(motion, problem.shapes)[:3]):
+        rows = jax.tree.map(lambda v, k=k, h=h: trailing(v[2 * n * k : 2 * n * (k + 1)], h), problem.barriers)
+        penalties.append(relaxed_barrier(h, dt * rows.weight, rows.switch, rows.reach))
+    none = jnp.zeros_like(x[:6])
+    force, offset, rate = penalties
+    order = (offset, force, rate)
+    slope = jnp.concatenate([none, *(p.slope[:n] - p.slope[n:] for p in order)])
+    curvature = jnp.concatenate([none, *(p.curvature[:n] + p.curvature[n:] for p in order)])
+    cost = 0.5 * jnp.sum(track * error**2, axis=0) + sum(jnp.sum(p.value, axis=0) for p in order)
+    return track + curvature, track * error + slope, cost
 
 
-def _robot_rows(problem: PushProblem, motion: Motion, data: StageData) -> tuple[Array, Array]:
-    settings, team = problem.config.constraints, problem.shapes.team
+def _coupled(problem: PushProblem, motion: Motion, step: Step, data: StageData) -> tuple[Array, Array]:
+    """Jacobian [m, nz, N] and values [m, N] of the team, CLF, object and robot conditions, in that order."""
+    team = problem.shapes.team
+    n, stages = motion.force.shape
+    pairs = jnp.zeros((team.pair_bounds.shape[0], 6 + 3 * n, stages), motion.pose.dtype)
+    pairs = pairs.at[:, 6 : 6 + n].set(-team.pair_rows[..., None])
+    clf_row, clf = _lyapunov_row(problem, motion, step, data)
+    disc_rows, h = _disc_rows(problem, motion, step, data)
+    rows = jnp.concatenate([pairs, clf_row[None], disc_rows])
+    return rows, jnp.concatenate([constraints.room(motion.offset, problem.shapes), clf[None], h])
+
+
+def _lyapunov_row(problem: PushProblem, motion: Motion, step: Step, data: StageData) -> tuple[Array, Array]:
+    """Jacobian [nz, N] and values [N] of the CLF condition."""
     n = motion.force.shape[0]
-    discs = constraints.robot_discs(motion, problem.shapes)
-    slope = jax.value_and_grad(constraints.robot_condition, argnums=(0, 1))
-    every = jax.vmap(jax.vmap(slope, (None, None, 0, None)), (0, 0, 0, None))
-    h, by = every(discs.centers, discs.speeds, data.obstacles.robots, settings)
-    count = h.shape[1]
-    center, speed = (v.reshape(-1, 2) for v in by)
-    spread = jax.tree.map(lambda v: jnp.repeat(v, count, axis=0), discs)
-    nine = _chain(spread, motion.pose[:2], motion.twist[2], jnp.zeros((), h.dtype), (center, speed, 0.0 * center))
-    tangent = jnp.repeat(rotate(motion.pose[2], team.tangent), ROBOT_DISCS * count, axis=0)
-    slide = jnp.repeat(motion.offset_rate, ROBOT_DISCS * count)
-    by_heading = slide * jnp.sum(speed * perpendicular(tangent), axis=-1)
-    by_offset = jnp.sum(center * tangent + motion.twist[2] * speed * perpendicular(tangent), axis=-1)
-    by_rate = jnp.sum(speed * tangent, axis=-1)
-    owner = jnp.repeat(jnp.eye(n, dtype=h.dtype), ROBOT_DISCS * count, axis=0)
-    rows = jnp.concatenate(
-        [
-            nine[:, :2],
-            nine[:, 2:3] + by_heading[:, None],
-            nine[:, 3:6],
-            owner * by_offset[:, None],
-            jnp.zeros_like(owner),
-            owner * by_rate[:, None],
-        ],
-        axis=1,
+    given = motion.pose, motion.twist, step.wrench
+    clf, pullback = jax.vjp(lambda pose, twist, wrench: problem.lyapunov(pose, twist, wrench, data), *given)
+    by_pose, by_twist, by_wrench = pullback(jnp.ones_like(clf))
+    pushed = [row[0] * by_wrench[0] + row[1] * by_wrench[1] + row[2] * by_wrench[2] for row in step.wrench_rows]
+    return jnp.stack([*by_pose, *by_twist, *pushed, *([jnp.zeros_like(clf)] * n)]), clf
+
+
+def _disc_rows(problem: PushProblem, motion: Motion, step: Step, data: StageData) -> tuple[Array, Array]:
+    """Jacobian [D N_o, nz, N] and values [D N_o, N] of the conditions of all discs."""
+    settings, shapes, dt = problem.config.constraints, problem.shapes, problem.config.horizon.dt
+    n = motion.force.shape[0]
+    heading = unit(motion.pose[2])
+    obstacles = data.obstacles
+
+    def geometry(given: tuple[Discs, Array, Array, Feature]) -> tuple[Approach, DiscMotion]:
+        disc, slid, sliding, feature = given
+        near = dataclasses.replace(obstacles, feature=feature)
+        moving = barriers.disc_motion(disc, slid, sliding, motion, heading)
+        return barriers.approach(disc, moving.center, near), moving
+
+    every = barriers.discs(shapes, settings)
+    sliding = barriers.by_disc(motion.offset_rate, shapes)
+    given = every, barriers.by_disc(motion.offset, shapes), sliding, obstacles.feature
+    seen, moving = jax.lax.map(geometry, given)
+    # From here on all discs at once: leaves [D, N_o or 1, N].
+    disc, moving, sliding = jax.tree.map(lambda leaf: leaf[:, None], (every, moving, sliding))
+    disc = jax.tree.map(lambda leaf: leaf[..., None], disc)
+    h = barriers.condition(disc, moving, seen, obstacles, settings)
+    gradient = _gradients(disc, moving, seen, obstacles, settings)
+    columns = _columns(gradient, moving, motion, sliding)
+    own = barriers.by_disc(jnp.eye(n, dtype=h.dtype), shapes)[:, None, :, None]
+    acceleration = (step.jacobian[3:6] - jnp.eye(3, 6 + 3 * n, 3, dtype=h.dtype)[..., None]) / dt
+    pull, by_alpha = gradient.pull, columns.alpha
+    full = [
+        pull.x * acceleration[0, i] + pull.y * acceleration[1, i] + by_alpha * acceleration[2, i]
+        for i in range(6 + 3 * n)
+    ]
+    for i, column in enumerate(columns.state):
+        full[i] = full[i] + column
+    for i in range(n):
+        full[6 + i] = full[6 + i] + own[:, :, i] * columns.offset
+        full[6 + 2 * n + i] = full[6 + 2 * n + i] + own[:, :, i] * columns.rate
+    rows = jnp.stack(full, axis=2)
+    return rows.reshape(-1, *rows.shape[2:]), h.reshape(-1, h.shape[2])
+
+
+@pytree
+class Gradients:
+    """Derivatives of conditions by a disc's centre, velocity and acceleration; leaves [D, N_o, N]."""
+
+    center: Vector
+    speed: Vector
+    pull: Vector
+
+
+def _gradients(
+    disc: Discs, moving: DiscMotion, seen: Approach, obstacles: barriers.Obstacles, settings: constraints.Constraints
+) -> Gradients:
+    """The normal turns as the disc passes, by the curvature: that is where terms across the normal come from."""
+    speed = Vector(moving.speed.x - obstacles.drift.x, moving.speed.y - obstacles.drift.y)
+    closing, passing = seen.normal.dot(speed), seen.normal.cross(speed)
+    scale, bend = settings.cbf_scale, seen.curvature * passing
+    pulled = seen.normal.cross(moving.pull)
+    across = seen.curvature * (disc.beta * passing + disc.second * (pulled - 2.0 * closing * bend))
+
+    def vector_of(along: Array, across: Array) -> Vector:
+        return seen.normal * (scale * along) + seen.normal.turned * (scale * across)
+
+    return Gradients(
+        vector_of(disc.alpha - disc.second * bend * bend, across),
+        vector_of(disc.beta, 2.0 * disc.second * bend),
+        seen.normal * (scale * disc.second),
     )
-    return rows, h.reshape(-1)
+
+
+@pytree
+class _Columns:
+    """Derivatives of conditions by what moves the discs; leaves [D, N_o, N]."""
+
+    state: tuple[Array, ...]
+    """by p, theta, v and omega, at a given acceleration"""
+    alpha: Array
+    """by the angular acceleration"""
+    offset: Array
+    """by the contact offset of the disc's robot"""
+    rate: Array
+    """by its rate"""
+
+
+def _columns(gradient: Gradients, moving: DiscMotion, motion: Motion, sliding: Array) -> _Columns:
+    center, speed, pull = gradient.center, gradient.speed, gradient.pull
+    arm, slide, omega = moving.arm, moving.slide, motion.twist[2]
+    ahead, aside = pull.dot(arm.turned), pull.dot(arm)
+    by_heading = center.dot(arm.turned) - omega * speed.dot(arm) + sliding * speed.dot(slide.turned)
+    by_heading = by_heading - motion.acceleration[2] * aside - omega * omega * ahead
+    by_omega = speed.dot(arm.turned) - 2.0 * omega * aside
+    by_offset = center.dot(slide) + omega * speed.dot(slide.turned)
+    return _Columns((center.x, center.y, by_heading, speed.x, speed.y, by_omega), ahead, by_offset, speed.dot(slide))

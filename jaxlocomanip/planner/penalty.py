@@ -32,11 +32,14 @@ def relaxed_barrier(h: Array, weight: Array, switch: Array, reach: Array) -> Pen
       Value, slope and curvature [...], the last >= 0.
     """
     near = jnp.maximum(h, switch)
+    # One logarithm and one division a number: both kinds in multiples of their unit, the reach or 1.
     local = reach < UNBOUNDED
-    t = jnp.minimum(near / reach, 1.0)
-    value = jnp.where(local, -jnp.log(t) + (t - 1.0) - 0.5 * (t - 1.0) ** 2, -jnp.log(near))
-    slope = jnp.where(local, -((1.0 - t) ** 2) / (t * reach), -1.0 / near)
-    curvature = jnp.where(local, (1.0 / (t * t) - 1.0) / (reach * reach), 1.0 / near**2)
+    unit = jnp.where(local, reach, 1.0)
+    t = jnp.where(local, jnp.minimum(near / unit, 1.0), near)
+    inverse, short = 1.0 / t, jnp.where(local, 1.0 - t, 0.0)
+    value = -jnp.log(t) - short - 0.5 * short * short
+    slope = jnp.where(local, -short * short, -1.0) * inverse / unit
+    curvature = (inverse * inverse - jnp.where(local, 1.0, 0.0)) / (unit * unit)
     below = h - near
     return Penalty(
         weight * (value + slope * below + 0.5 * curvature * below * below),

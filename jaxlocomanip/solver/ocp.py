@@ -9,7 +9,7 @@ program, never closed over) whose per-stage data have a leading axis [N].
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -91,6 +91,33 @@ class Problem(Protocol):
     def terminal(self, x: Array) -> Array:
         """Weighted terminal residual r_N(x) [nf]."""
         ...
+
+
+@runtime_checkable
+class WholeHorizon(Protocol):
+    """What a problem may offer beside `Problem`: all stages of a horizon at once, where that is faster."""
+
+    def values(self, plan: Plan) -> tuple[Array, Array]:
+        """Cost [N] and next state [N, nx] of every stage."""
+        ...
+
+    def models(self, plan: Plan) -> StageModel:
+        """Gauss-Newton models of all stages, leaves [N, ...]."""
+        ...
+
+
+def stage_values(problem: Problem, plan: Plan) -> tuple[Array, Array]:
+    """Cost [N] and next state [N, nx] of every stage."""
+    if isinstance(problem, WholeHorizon):
+        return problem.values(plan)
+    return jax.vmap(lambda x, u, data: stage_cost(problem, x, u, data))(plan.xs[:-1], plan.us, problem.stages)
+
+
+def stage_models(problem: Problem, plan: Plan) -> StageModel:
+    """Gauss-Newton models of all stages, leaves [N, ...]."""
+    if isinstance(problem, WholeHorizon):
+        return problem.models(plan)
+    return jax.vmap(problem.model)(plan.xs[:-1], plan.us, problem.stages)
 
 
 def stage_cost(problem: Problem, x: Array, u: Array, data: Any) -> tuple[Array, Array]:

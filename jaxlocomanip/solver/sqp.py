@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxlocomanip.numerics import all_finite, pytree, select, static
-from jaxlocomanip.solver.ocp import Plan, Problem, stage_cost
+from jaxlocomanip.solver.ocp import Plan, Problem, stage_models, stage_values
 from jaxlocomanip.solver.riccati import LinearQuadratic
 from jaxlocomanip.solver.riccati import solve as solve_lq
 
@@ -106,7 +106,7 @@ def solve(problem: Problem, x0: Array, iterate: Iterate, options: Options, rival
 
 def evaluate(problem: Problem, plan: Plan) -> tuple[Array, Array]:
     """Objective [] and l1 norm [] of the dynamics defects of a plan."""
-    costs, nexts = jax.vmap(lambda x, u, data: stage_cost(problem, x, u, data))(plan.xs[:-1], plan.us, problem.stages)
+    costs, nexts = stage_values(problem, plan)
     final = 0.5 * jnp.sum(problem.terminal(plan.xs[-1]) ** 2)
     return jnp.sum(costs) + final, jnp.sum(jnp.abs(nexts - plan.xs[1:]))
 
@@ -124,7 +124,7 @@ def rollout(problem: Problem, x0: Array, us: Array) -> Plan:
 
 def linearise(problem: Problem, plan: Plan) -> tuple[LinearQuadratic, Array]:
     """Gauss-Newton model at a plan (penalty Hessian J' diag(P'') J), and the objective []."""
-    models = jax.vmap(problem.model)(plan.xs[:-1], plan.us, problem.stages)
+    models = stage_models(problem, plan)
     residual = problem.terminal(plan.xs[-1])
     rows = jax.jacfwd(problem.terminal)(plan.xs[-1])
     defect = models.next_state - plan.xs[1:]

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxlocomanip.planar import dynamics
+from jaxlocomanip.planar import dynamics, friction
 from jaxlocomanip.planar.geometry import rotate
 
 friction_step = jax.jit(dynamics.friction_step)
@@ -99,3 +99,21 @@ def test_break_away_itself_is_finite(x64, dtype):
         after = friction_step(inertia, force, jnp.asarray(3.0, dtype), free, h, jnp.asarray(0.0, dtype))
         assert np.isfinite(after).all()
         assert np.abs(after).max() <= 1e-6
+
+
+def test_derivative_of_the_friction_step(x64, random_body, at_com):
+    rng = np.random.default_rng(6)
+
+    @jax.jit
+    def both(inertia, force, moment, free, change):
+        drop = friction.drops(inertia, force, moment, 0.1)
+        velocity, derivative = friction.slowing((free[0], free[1], free[2]), drop, 0.02)
+        automatic = jax.jvp(lambda v: dynamics.friction_step(inertia, force, moment, v, 0.1, 0.02), (free,), (change,))
+        return (jnp.stack(velocity), jnp.stack(derivative(change[0], change[1], change[2]))), automatic
+
+    for speed in (0.0, 1e-3, 0.3, 1.0, 5.0):
+        inertia, limits = at_com(random_body(rng))
+        free, change = speed * rng.normal(size=3), rng.normal(size=3)
+        found, expected = both(jnp.asarray(inertia), limits[0], limits[2], jnp.asarray(free), jnp.asarray(change))
+        for a, b in zip(found, expected, strict=True):
+            assert np.allclose(a, b, rtol=1e-9, atol=1e-12)

@@ -17,7 +17,7 @@ from jaxlocomanip.planner.shapes import shapes_of
 from jaxlocomanip.solver import ocp
 from jaxlocomanip.solver.ocp import Plan
 
-STEPS = 8
+STEPS = 7  # not a multiple of the stages that are computed together
 FOUR = [{"type": "aliengo", "face": face} for face in ("-x", "-y", "+x", "+y")]
 TWO = FOUR[:2]
 OBSTACLES = [
@@ -30,7 +30,7 @@ CONFIGS = {
 }
 
 # The problem is an argument: problems of equal shapes share these compilations.
-stage_models = jax.jit(lambda made, plan: jax.vmap(made.model)(plan.xs[:-1], plan.us, made.stages))
+stage_models = jax.jit(lambda made, plan: made.models(plan))
 automatic_models = jax.jit(
     lambda made, plan: jax.vmap(lambda x, u, data: ocp.forward_model(made, x, u, data))(
         plan.xs[:-1], plan.us, made.stages
@@ -72,6 +72,21 @@ def test_model_equals_forward_differentiation(x64, make_scenario, robots, name):
         a, b = getattr(structured, field.name), getattr(automatic, field.name)
         assert a.shape == b.shape
         assert np.allclose(a, b, rtol=0.0, atol=1e-10 * (1.0 + np.abs(b).max())), field.name
+
+
+@pytest.mark.parametrize("robots", [TWO, FOUR], ids=["two robots", "four robots"])
+def test_all_stages_at_once_are_the_stages_one_by_one(x64, make_scenario, robots):
+    made, plan = assemble(make_scenario, robots, CONFIGS["robust"], seed=2)
+    cost, following = jax.jit(lambda made, plan: made.values(plan))(made, plan)
+    one_by_one = jax.jit(jax.vmap(ocp.stage_cost, in_axes=(None, 0, 0, 0)))
+    expected = one_by_one(made, plan.xs[:-1], plan.us, made.stages)
+    assert cost.shape == (STEPS,) and following.shape == (STEPS, plan.xs.shape[1])
+    assert np.allclose(cost, expected[0], rtol=1e-12)
+    assert np.allclose(following, expected[1], rtol=0.0, atol=1e-12)
+    lone = jax.tree.map(lambda leaf: leaf[3], (plan.xs[:-1], plan.us, made.stages))
+    model = jax.tree.map(lambda leaf: leaf[3], stage_models(made, plan))
+    for a, b in zip(jax.tree.leaves(made.model(*lone)), jax.tree.leaves(model), strict=True):
+        assert np.allclose(a, b, rtol=0.0, atol=1e-10 * (1.0 + np.abs(b).max()))
 
 
 def test_slope_of_the_stage_cost_against_finite_differences(x64, make_scenario):
