@@ -58,24 +58,25 @@ def solve(lq: LinearQuadratic, dx0: Array, regularisation: Floats, definite: boo
     nx = dx0.shape[0]
     nu = lq.hessian.shape[-1] - nx
     damping = regularisation * jnp.eye(nu, dtype=dx0.dtype)
+    # Vectors ride along as last columns of the matrices, and the transpose is taken once for all stages: few, plain
+    # matrix products are what a compiler knows how to do fast.
+    quadratic = jnp.concatenate([lq.hessian, lq.gradient[..., None]], axis=-1)
+    affine = jnp.concatenate([lq.dynamics, lq.defect[..., None]], axis=-1)
+    transposed = jnp.swapaxes(lq.dynamics, -1, -2)
 
     def backward(carry: tuple[Array, Array], k: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
         value, slope = carry
-        hessian, linear, dynamics, defect = k
-        transported = value @ dynamics
-        total = hessian + dynamics.T @ transported
-        gradient = linear + dynamics.T @ slope + transported.T @ defect
-        inputs = total[nx:, nx:] + damping
-        right = jnp.concatenate([gradient[nx:, None], total[nx:, :nx]], axis=1)
+        quadratic, affine, transposed = k
+        transported = (value @ affine).at[:, -1].add(slope)
+        total = quadratic + transposed @ transported
+        inputs, right = total[nx:, nx:-1] + damping, jnp.concatenate([total[nx:, :nx], total[nx:, -1:]], axis=1)
         gains = -cholesky_solve(cholesky(inputs), right) if definite else -symmetric_solve(inputs, right)
-        feedforward, feedback = gains[:, 0], gains[:, 1:]
-        new_value = total[:nx, :nx] + total[:nx, nx:] @ feedback
-        new_slope = gradient[:nx] + total[:nx, nx:] @ feedforward
-        return (0.5 * (new_value + new_value.T), new_slope), (feedforward, feedback, value, slope)
+        new = jnp.concatenate([total[:nx, :nx], total[:nx, -1:]], axis=1) + total[:nx, nx:-1] @ gains
+        return (0.5 * (new[:, :nx] + new[:, :nx].T), new[:, nx]), (gains[:, nx], gains[:, :nx], value, slope)
 
     start = (lq.final_hessian, lq.final_gradient)
     (value0, slope0), (feedforward, feedback, values, slopes) = jax.lax.scan(
-        backward, start, (lq.hessian, lq.gradient, lq.dynamics, lq.defect), reverse=True
+        backward, start, (quadratic, affine, transposed), reverse=True
     )
 
     def forward(dx: Array, k: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
