@@ -18,7 +18,8 @@ from jax import Array
 
 from jaxlocomanip.numerics import projected_least_squares, pytree
 from jaxlocomanip.planar.dynamics import Body
-from jaxlocomanip.planar.geometry import cross, feature_distance, nearest_feature, perpendicular, rotate
+from jaxlocomanip.planar.geometry import cross, feature_distance, nearest_feature, outline, perpendicular, rotate
+from jaxlocomanip.planar.vector import Vector
 from jaxlocomanip.planner.authority import CAPACITY, offset_ends
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
@@ -131,8 +132,9 @@ class PathProblem:
 
         def nearest(center: Array) -> tuple[Array, Array]:
             def to(place: Array, vertices: Array) -> tuple[Array, Array]:
-                distance, normal, _ = feature_distance(center - place, nearest_feature(center - place, vertices))
-                return distance, normal
+                point, corners = (Vector(v[..., 0], v[..., 1]) for v in (center - place, vertices))
+                distance, normal, _ = feature_distance(point, nearest_feature(point, outline(corners)))
+                return distance, jnp.stack([normal.x, normal.y])
 
             distance, normal = jax.vmap(to)(places, shapes.obstacle_vertices)
             distance = jnp.where(shapes.obstacle_mask, distance - shapes.obstacle_radius - berth, 1e3)
