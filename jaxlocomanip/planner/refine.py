@@ -23,7 +23,7 @@ from jaxlocomanip.planar.vector import Vector
 from jaxlocomanip.planner.authority import CAPACITY, offset_ends
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
-from jaxlocomanip.planner.path import resample
+from jaxlocomanip.planner.path import UNPLANNED, resample
 from jaxlocomanip.planner.penalty import relaxed_barrier
 from jaxlocomanip.planner.shapes import ROBOT_DISCS, Shapes
 from jaxlocomanip.scenario import Goal
@@ -196,6 +196,12 @@ class Refined:
     """[STEPS] m, least distance of a disc to an obstacle"""
     cost: Array
     """[] m, length and what comes on top of it"""
+
+
+def unrefined(rough: Array, shapes: Shapes) -> Refined:
+    """Stands where no path is known: it costs more than any."""
+    pushes = jnp.zeros((STEPS, shapes.team.offset.shape[0]), rough.dtype)
+    return Refined(rough[: STEPS + 1], pushes, pushes, pushes[:, 0], jnp.full((), UNPLANNED, rough.dtype))
 
 
 def cone_of(shapes: Shapes, body: Body) -> Cone:

@@ -6,7 +6,7 @@ estimate do not turn a team around. The path is held fixed when gradients are ta
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -20,8 +20,8 @@ from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.path import UNPLANNED, Path
 from jaxlocomanip.planner.reference import Progress
-from jaxlocomanip.planner.refine import STEPS, Refined, refine
-from jaxlocomanip.planner.search import search_poses
+from jaxlocomanip.planner.refine import Refined, refine, unrefined
+from jaxlocomanip.planner.search import ROUGH, search_poses
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.scenario import Goal
 
@@ -58,29 +58,44 @@ def plan(
     pose, path, progress = jax.lax.stop_gradient((pose, path, progress))
     given = jax.lax.stop_gradient((goal, shapes, obstacles, body, config))
     goal, shapes, obstacles, body, config = given
-    ahead = jnp.linspace(0.0, 1.0, STEPS + 1, dtype=pose.dtype) * (path.length - progress.projected)
-    rest = path.at(progress.projected + ahead)
-    old = refine(rest.at[0].set(pose), *given)
+    ahead = jnp.linspace(0.0, 1.0, ROUGH, dtype=pose.dtype) * (path.length - progress.projected)
+    rest = path.at(progress.projected + ahead).at[0].set(pose)
+
+    def search(given: tuple[Any, ...]) -> Array:
+        pose, goal, *others = given
+        return search_poses(pose, goal.pose, *others)
+
+    def consider(carry: tuple[Refined, Array], anew: Array) -> tuple[tuple[Refined, Array], None]:
+        best, needed = carry
+        rough = jax.lax.cond(anew, lambda: _where(needed, search, (pose, *given), rest, config), lambda: rest)
+        found = _where(needed, lambda arguments: refine(*arguments), (rough, *given), best, config)
+        best = select(needed & (found.cost < _SHARE * best.cost - _LESS), found, best)
+        return (best, _wants_rival(best, path, progress, goal, shapes, config)), None
+
     # A path on which nothing moves is none, whatever it seems to cost: then the search decides alone.
     stalled = ~progress.resting & (progress.projected < _STALLED * config.reference.speed * config.reference.replan)
-    planned = (path.cost < UNPLANNED) & ~stalled
-    old = dataclasses.replace(old, cost=jnp.where(planned, old.cost, UNPLANNED))
+    first = (unrefined(rest, shapes), (path.cost < UNPLANNED) & ~stalled)
+    # One after the other in a loop, so that the refinement is compiled once.
+    (best, _), _ = jax.lax.scan(consider, first, jnp.array([False, True]))
+    return best
 
-    def search(given: tuple[Any, ...]) -> Refined:
-        pose, goal, shapes, obstacles, body, config = given
-        return refine(search_poses(pose, goal.pose, shapes, obstacles, body, config), *given[1:])
 
-    # A path that goes on as it was expected to needs no rival, unless obstacles move.
+def _wants_rival(
+    best: Refined, path: Path, progress: Progress, goal: Goal, shapes: Shapes, config: PlannerConfig
+) -> Array:
+    """[] bool: a path that goes on as it was expected to needs no rival, unless obstacles move."""
     expected = path.cost * (path.length - progress.projected) / jnp.maximum(path.length, 1e-3)
-    worse = old.cost > _WORSE * expected + _MORE
-    miss = jnp.abs(old.poses[-1] - goal.pose)
+    worse = best.cost > _WORSE * expected + _MORE
+    miss = jnp.abs(best.poses[-1] - goal.pose)
     off = jnp.maximum(
         jnp.max(miss[:2]) / goal.position_tolerance, jnp.abs(wrap_angle(miss[2])) / goal.heading_tolerance
     )
     moving = jnp.any(shapes.obstacle_dynamic & shapes.obstacle_mask)
-    needed = worse | moving | (off > config.reference.arrive)
+    return worse | moving | (off > config.reference.arrive)
+
+
+def _where(needed: Array, function: Callable[[Any], Any], arguments: Any, otherwise: Any, config: PlannerConfig) -> Any:
+    """`where_needed`, or its plain form where gradients are taken."""
     if config.horizon.rest_skips:
-        new = where_needed(needed, search, (pose, *given), old)
-    else:
-        new = search((pose, *given))
-    return select(needed & (new.cost < _SHARE * old.cost - _LESS), new, old)
+        return where_needed(needed, function, arguments, otherwise)
+    return select(needed, function(arguments), otherwise)

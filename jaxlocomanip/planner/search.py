@@ -19,13 +19,15 @@ from jaxlocomanip.numerics import wrap_angle
 from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planar.geometry import rotate
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.descent import descend
+from jaxlocomanip.planner.descent import STEPS, descend
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.moves import price_moves
 from jaxlocomanip.planner.pose_grid import clearance, lay_grid
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.sweeping import cost_to_go
 
+ROUGH = STEPS + 2
+"""poses of a searched path"""
 _BLOCKED = 60.0
 """cost factor per metre of overlap with twice an obstacle's margin: where the filter would keep stopping the team"""
 _THICKNESS = 0.03
@@ -35,7 +37,7 @@ _THICKNESS = 0.03
 def search_poses(
     start: Array, goal: Array, shapes: Shapes, obstacles: ObstacleEstimate, body: Body, config: PlannerConfig
 ) -> Array:
-    """[n, 3] poses along the cheapest path on the grid from the pose `start` [3] to `goal` [3], where they stay."""
+    """[ROUGH, 3] poses along the cheapest path on the grid from the pose `start` [3] to `goal` [3], where they stay."""
     given = jax.lax.stop_gradient((start, goal, shapes, obstacles, body, config))
     start, goal, shapes, obstacles, body, config = given
     turn_radius = config.reference.speed / config.reference.turn_rate

@@ -93,15 +93,17 @@ def solve(problem: Problem, x0: Array, iterate: Iterate, options: Options, rival
       rival: another plan from x0, tried beside the step lengths of the first iteration and kept if its merit is
         least. A local method cannot leave a minimum such as "push later, for ever"; a second start can.
     """
-    first = dataclasses.replace(iterate, plan=Plan(iterate.plan.xs.at[0].set(x0), iterate.plan.us))
-    current = _iteration(problem, first, options, rival)
-    if options.iterations == 1:
+    current = dataclasses.replace(iterate, plan=Plan(iterate.plan.xs.at[0].set(x0), iterate.plan.us))
+    rest = options.iterations
+    if rival is not None:
+        current, rest = _iteration(problem, current, options, rival), rest - 1
+    if rest == 0:
         return current
 
     def body(carry: Iterate, _: None) -> tuple[Iterate, None]:
         return _iteration(problem, carry, options, None), None
 
-    return jax.lax.scan(body, current, None, length=options.iterations - 1)[0]
+    return jax.lax.scan(body, current, None, length=rest)[0]
 
 
 def evaluate(problem: Problem, plan: Plan) -> tuple[Array, Array]:
