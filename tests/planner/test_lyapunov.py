@@ -14,9 +14,12 @@ CONFIG = PlannerConfig()
 
 
 def test_it_falls_wherever_the_condition_holds(make_scenario):
-    """V = 1/2 s' H s with the parameters known, so that only the tracking error is left to fall."""
+    """V = 1/2 s' H s with the parameters known, so that only the tracking error is left to fall.
+
+    The condition is that of the planner's own input: without the filter that is what acts.
+    """
     settings = dataclasses.replace(CONFIG.adaptation, gain=(0.0,) * 6)
-    config = dataclasses.replace(CONFIG, adaptation=settings)
+    config = dataclasses.replace(CONFIG, adaptation=settings, safety=dataclasses.replace(CONFIG.safety, enabled=0.0))
     known = {"size": [0.5, 0.5], "mass": 6.0, "friction": 0.4}
     scenario = make_scenario(object=known, start={"pose": [0.0, 0.0, 0.15]}, goal={"pose": [3.0, 3.0, 0.0]})
     prompt = PlanarWorld(force_lag=1e-3)
