@@ -137,6 +137,8 @@ class Adaptation:
     """lambda, 1/s, of the composite error"""
     on_prediction: Number = 1.0
     """1: error against the one-tick prediction; 0: against the reference (paper)"""
+    breakaway: Number = 1.0
+    """1: the push at which the object breaks away bounds its friction; 0: only the law above"""
     low_pass: Number = 0.1
     """s, time constant of what reaches the prediction"""
     prior_friction: Number = 0.35

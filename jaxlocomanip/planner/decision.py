@@ -24,8 +24,8 @@ from jaxlocomanip.solver.sqp import Iterate, Options
 SLOW = 0.1
 """m/s, below which the plan that pushes at once is tried beside the warm start"""
 
-SURGE = 4.0
-"""N, by which a push may exceed what acts while the object hardly moves: some 60 N/s with the robots' lag"""
+SURGE = 2.0, 0.05
+"""N and share, by which a push may exceed what acts before the object breaks away: 30 N/s with the robots' lag"""
 
 
 @pytree
@@ -60,6 +60,8 @@ class Situation:
     """[N_r] N, pushes believed to act now"""
     proven: Array
     """[] N, friction to brake with"""
+    waiting: Array
+    """[] bool: the object has not broken away since it was at rest"""
 
 
 @pytree
@@ -90,8 +92,8 @@ def decide(situation: Situation, warm: Iterate, shapes: Shapes, config: PlannerC
     solver = sqp.solve(ocp, x0, warm, options(config), rival)
     n, limits = offset.shape[0], shapes.team
     first = solver.plan.us[0]
-    # An object that may be half as heavy as believed is set moving gently: its velocity is known only after a while.
-    gently = jnp.where(safe_norm(estimate.twist[:2]) < SLOW, situation.force + SURGE, jnp.inf)
+    # What will be left of a push once the object breaks away is not known before: it must not be much.
+    gently = jnp.where(situation.waiting, situation.force * (1.0 + SURGE[1]) + SURGE[0], jnp.inf)
     gently = jnp.where(config.safety.enabled > 0.5, gently, jnp.inf)
     wanted = jnp.clip(first[:n], 0.0, jnp.minimum(limits.force_max, gently))
     slide = jnp.clip(first[n:], -limits.slide_speed_max, limits.slide_speed_max)

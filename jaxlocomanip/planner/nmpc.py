@@ -16,8 +16,9 @@ from jax import Array
 from jaxlocomanip.lanes import where_needed
 from jaxlocomanip.numerics import T, pytree, select, wrap_angle
 from jaxlocomanip.planar import dynamics
-from jaxlocomanip.planner import adaptation, estimation, path, reference, route, safety
+from jaxlocomanip.planner import adaptation, breakaway, estimation, path, reference, route, safety
 from jaxlocomanip.planner.adaptation import ParameterEstimate
+from jaxlocomanip.planner.breakaway import Breakaway
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.decision import Report, Situation, at_rest, decide, options
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
@@ -87,6 +88,7 @@ class PlannerState:
     """[N_r] m, contact offsets at the last tick"""
     proven: Array
     """[] N, friction that the floor has shown"""
+    breakaway: Breakaway
     command: Command
 
 
@@ -109,6 +111,7 @@ def start(task: Task, measured: Measurement, config: PlannerConfig) -> PlannerSt
         force=zero,
         offset=measured.offset,
         proven=safety.least_friction(parameters.body, config),
+        breakaway=breakaway.start(measured.pose),
         command=Command(zero, zero, measured.offset, jnp.zeros(3, first.dtype), jnp.ones((), bool)),
     )
 
@@ -150,7 +153,7 @@ def tick(
 ) -> tuple[PlannerState, Command, Report]:
     """One tick of the planner."""
     horizon = config.horizon
-    estimate, parameters, obstacles, force = observe(state, measured, task, config)
+    estimate, parameters, obstacles, force, watched = observe(state, measured, task, config)
     tolerance = jnp.stack([task.goal.position_tolerance, task.goal.heading_tolerance])
     progress = reference.advance(
         state.progress, state.path, estimate.pose, task.goal.pose, tolerance, horizon.tick, config.reference
@@ -160,7 +163,9 @@ def tick(
     warm = shift(state.solver, horizon.tick / horizon.dt)
     body = parameters.body
     proven = safety.prove_friction(state.proven, estimate, force, measured.offset, body, task.shapes, config)
-    situation = Situation(estimate, body, obstacles, state.path, progress, measured.offset, force, proven)
+    situation = Situation(
+        estimate, body, obstacles, state.path, progress, measured.offset, force, proven, watched.waiting
+    )
 
     given = (situation, warm, task.shapes, config)
     decided = _if_awake(progress, decide, given, at_rest(situation, warm), config)
@@ -180,6 +185,7 @@ def tick(
         force,
         measured.offset,
         proven,
+        watched,
         command,
     )
     return new, command, decided.report
@@ -187,7 +193,7 @@ def tick(
 
 def observe(
     state: PlannerState, measured: Measurement, task: Task, config: PlannerConfig
-) -> tuple[ObjectEstimate, ParameterEstimate, ObstacleEstimate, Array]:
+) -> tuple[ObjectEstimate, ParameterEstimate, ObstacleEstimate, Array, Breakaway]:
     """State estimation and adaptation over the tick that just ended; also the push [N_r] believed to act now."""
     horizon, settings = config.horizon, config.adaptation
     before, psi = state.object, state.parameters.filtered
@@ -214,12 +220,11 @@ def observe(
     )
     slope = jnp.where(settings.on_prediction > 0.5, by_prediction, by_reference)
     slope = jnp.where(state.progress.resting, 0.0, slope)
-    return (
-        estimate,
-        adaptation.adapt(state.parameters, slope, horizon.tick, task.model, settings),
-        obstacles,
-        force,
-    )
+    parameters = adaptation.adapt(state.parameters, slope, horizon.tick, task.model, settings)
+    push = breakaway.limit_push(wrench_B, state.parameters.body.com, task.shapes)
+    watched, slips = breakaway.watch(state.breakaway, measured.pose, push, task.shapes, horizon.tick)
+    estimate, parameters = breakaway.corrected(estimate, parameters, watched, slips, settings)
+    return estimate, parameters, obstacles, force, watched
 
 
 def shift(solver: Iterate, fraction: Array | float) -> Iterate:

@@ -48,7 +48,11 @@ def paper() -> PlannerConfig:
         ),
         reference=Reference(plan_path=0.0, second_start=0.0, arrive=0.0, leave=0.0),
         adaptation=Adaptation(
-            gain=(300.0, 200.0, 100.0, 100.0, 0.0, 0.0), on_prediction=0.0, prior_friction=0.0, mass_range=10.0
+            gain=(300.0, 200.0, 100.0, 100.0, 0.0, 0.0),
+            on_prediction=0.0,
+            breakaway=0.0,
+            prior_friction=0.0,
+            mass_range=10.0,
         ),
         safety=SafetyFilter(enabled=0.0),
     )

@@ -22,7 +22,8 @@ from jaxlocomanip.lanes import where_needed
 from jaxlocomanip.numerics import pytree, safe_norm
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
-from jaxlocomanip.planar.geometry import cross, perpendicular, polygon_distance, rectangle, rotate, transform
+from jaxlocomanip.planar.geometry import perpendicular, polygon_distance, rectangle, rotate, transform
+from jaxlocomanip.planner.breakaway import limit_push
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.shapes import Shapes
@@ -155,8 +156,7 @@ def prove_friction(
     """
     team = shapes.team
     wrench_B = dynamics.body_wrench(team.contact_points(offset), team.normal, force)
-    moment = (wrench_B[2:] - cross(body.com, wrench_B[:2])) / shapes.torsion_radius
-    push = safe_norm(jnp.concatenate([wrench_B[:2], moment]))
+    push = limit_push(wrench_B, body.com, shapes)
     settings, tick = config.safety, config.horizon.tick
     speed = safe_norm(estimate.twist[:2])
     sliding = settings.belief * body.friction_force

@@ -1,0 +1,138 @@
+"""Varied scenarios of a study in batches: their episodes, and gradients of the clearance by the coordinates."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from jaxlocomanip.closed_loop import episode
+from jaxlocomanip.gradients import soft_outcome
+from jaxlocomanip.outcome import Outcome
+from jaxlocomanip.planner.config import PlannerConfig
+from jaxlocomanip.sampling.feasibility import judged
+from jaxlocomanip.sampling.sampler import Lane
+from jaxlocomanip.sampling.study import Study
+from jaxlocomanip.scenario import Scenario, stack
+from jaxlocomanip.specification import ScenarioSpec
+from jaxlocomanip.sweep.plan import longest, padding
+from jaxlocomanip.variation import Bounds, dimension, varied_spec, vary
+from jaxlocomanip.worlds.planar import PlanarWorld
+
+Floats = NDArray[np.floating[Any]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """A scenario and what the planner made of it."""
+
+    spec: ScenarioSpec
+    seed: int
+    """of the measurement noise: `simulate(build(spec), config, seed=seed)` is this episode"""
+    clearance: float
+    """m, least distance of object and robots to the obstacles"""
+    collided: bool
+    run_over: bool
+    """see `Outcome.run_over`"""
+    reached: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """A scenario of a study at coordinates within the bounds."""
+
+    lane: Lane
+    seed: int
+    coordinates: Floats
+    spec: ScenarioSpec
+    scenario: Scenario
+
+
+def place_at(lane: Lane, seed: int, coordinates: Floats, bounds: Bounds) -> Place | None:
+    """A varied scenario; None where no planner could solve it."""
+    spec = varied_spec(lane.spec, lane.scenario, coordinates, bounds)
+    scenario = judged(spec, 0)
+    return None if isinstance(scenario, str) else Place(lane, seed, coordinates, spec, scenario)
+
+
+class Trials:
+    """Runs scenarios of a study, and takes gradients of them, in batches of one shape each."""
+
+    def __init__(self, study: Study, config: PlannerConfig, bounds: Bounds, lanes: int) -> None:
+        self._config = jax.tree.map(jnp.asarray, config)
+        self._bounds = jax.tree.map(jnp.asarray, bounds)
+        self._padding = padding(study)
+        self._ticks = math.ceil(longest(study) / config.horizon.tick - 1e-6)
+        self._lanes = lanes
+
+    def run(self, places: Sequence[Place]) -> list[tuple[Place, Found]]:
+        """Each with its outcome."""
+        pairs: list[tuple[Place, Found]] = []
+        for first in range(0, len(places), self._lanes):
+            part = list(places[first : first + self._lanes])
+            full = part + part[-1:] * (self._lanes - len(part))
+            scenarios = stack([place.scenario for place in full], self._padding)
+            world = PlanarWorld().prepare(scenarios)
+            outcome = _outcomes(scenarios, self._config, _seeds(full), world, ticks=self._ticks)
+            outcome = jax.tree.map(np.asarray, outcome)
+            pairs += [(place, _found(place, outcome, k)) for k, place in enumerate(part)]
+        return pairs
+
+    def gradients(self, places: Sequence[Place]) -> list[Floats]:
+        """Of the soft clearance by the coordinates [d] of each place; zero where they are not finite."""
+        scenarios = stack([place.lane.scenario for place in places], self._padding)
+        scenarios = dataclasses.replace(scenarios, index=jnp.zeros_like(scenarios.index))
+        coordinates = np.zeros((len(places), dimension(jax.tree.map(lambda leaf: leaf[0], scenarios))))
+        for row, place in zip(coordinates, places, strict=True):
+            row[: len(place.coordinates)] = place.coordinates
+        given = (jnp.asarray(coordinates, scenarios.start.dtype), scenarios, self._config, _seeds(places), self._bounds)
+        slopes = np.asarray(_slopes(*given, ticks=self._ticks), float)
+        finite = np.isfinite(slopes).all(axis=1, keepdims=True)
+        rows = np.where(finite, slopes, 0.0)
+        return [row[: len(place.coordinates)] for row, place in zip(rows, places, strict=True)]
+
+
+def _seeds(places: Sequence[Place]) -> Array:
+    return jnp.asarray([place.seed for place in places], jnp.uint32)
+
+
+@partial(jax.jit, static_argnames="ticks")
+def _outcomes(scenarios: Scenario, config: PlannerConfig, seeds: Array, world: PlanarWorld, *, ticks: int) -> Outcome:
+    """[B] outcomes of the exact world."""
+
+    def one(scenario: Scenario, seed: Array, behind: PlanarWorld) -> Outcome:
+        return episode(scenario, config, jax.random.key(seed), behind, ticks, record=False).outcome
+
+    return jax.vmap(one)(scenarios, seeds, world)
+
+
+@partial(jax.jit, static_argnames="ticks")
+def _slopes(
+    coordinates: Array, scenarios: Scenario, config: PlannerConfig, seeds: Array, bounds: Bounds, *, ticks: int
+) -> Array:
+    """[B, d] gradients of the soft clearance."""
+
+    def clearance(where: Array, scenario: Scenario, seed: Array) -> Array:
+        made = vary(scenario, where, bounds)
+        return soft_outcome(made, config, ticks, key=jax.random.key(seed)).clearance_m
+
+    return jax.vmap(jax.grad(clearance))(coordinates, scenarios, seeds)
+
+
+def _found(place: Place, outcome: Outcome, k: int) -> Found:
+    return Found(
+        spec=place.spec,
+        seed=place.seed,
+        clearance=float(min(outcome.min_object_clearance_m[k], outcome.min_robot_clearance_m[k])),
+        collided=bool(outcome.collided[k]),
+        run_over=bool(outcome.run_over[k]),
+        reached=bool(outcome.reached[k]),
+    )
