@@ -4,6 +4,8 @@
     jaxlocomanip simulate adaptive people my_scenario.toml --config paper --without path --out out/paper
     jaxlocomanip sweep standard --count 1000 --out out/standard
     jaxlocomanip report out/standard --record worst:8
+    jaxlocomanip tune standard --config paper --out out/tuned
+    jaxlocomanip falsify standard --config out/tuned/tuned.toml --out out/worst --record 4
 
 Whatever starts JAX is imported after the arguments are parsed, so that help and most refusals are instant,
 and after the environment is set, because JAX reads it when it is imported.
@@ -20,7 +22,7 @@ from typing import NoReturn
 
 from jaxlocomanip import library
 from jaxlocomanip.checked import InputError
-from jaxlocomanip.commands import report, simulate, sweep
+from jaxlocomanip.commands import falsify, report, simulate, sweep, tune
 
 INTERRUPTED = 130
 """exit code after Ctrl-C, as shells have it"""
@@ -99,7 +101,7 @@ def _run(arguments: argparse.Namespace, command: Sequence[str]) -> None:
     elif arguments.command == "sweep":
         sweep.run(arguments, command)
     else:
-        report.run(arguments)
+        {"report": report, "tune": tune, "falsify": falsify}[arguments.command].run(arguments)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -121,6 +123,8 @@ def _parser() -> argparse.ArgumentParser:
         ("simulate", simulate, "run scenarios in closed loop"),
         ("sweep", sweep, "run a study: many random or systematic scenarios"),
         ("report", report, "tables, figures and recordings of a sweep"),
+        ("tune", tune, "adjust the planner's settings to the scenarios of a study"),
+        ("falsify", falsify, "search for the scenarios in which the planner keeps the least clearance"),
     ):
         module.add_arguments(commands.add_parser(name, help=text, allow_abbrev=False))
     return parser

@@ -50,7 +50,7 @@ class Search:
     """gradients taken of each of these"""
     steps: tuple[float, ...] = (0.05, 0.15, 0.4, 1.0)
     """lengths (largest change of a coordinate; the box is 2 wide) that are tried along a gradient"""
-    gradient_cost: float = 4.0
+    gradient_cost: float = 6.0
     """episodes that take as long as one gradient"""
 
     @property

@@ -1,0 +1,102 @@
+"""Settings of a planner as one vector of logarithms, so that whatever searches them keeps them positive.
+
+knobs = knobs_of(preset("paper"), ("weights", "constraints.robot_cbf.weight"))
+config = turned(preset("paper"), knobs, jnp.zeros(len(knobs.names)))        # the preset itself
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxlocomanip.checked import InputError, nearest
+from jaxlocomanip.config_file import RANGES
+from jaxlocomanip.planner.config import Barrier, PlannerConfig
+
+SPAN = math.log(10.0)
+"""largest change of a logarithm: a setting stays between a tenth and ten times of what it was"""
+REACH = 1.05
+"""a barrier reaches at least so many times as far as where its logarithm ends"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Knobs:
+    """Which settings are searched; hashable, so that it may be a static argument."""
+
+    names: tuple[str, ...]
+    """dotted, with the position in a tuple: `weights.pose[0]`"""
+    places: tuple[int, ...]
+    """among the leaves of the configuration"""
+    ranges: tuple[tuple[float, float], ...]
+    """allowed values"""
+
+
+def knobs_of(config: PlannerConfig, names: Sequence[str]) -> Knobs:
+    """The settings that go by the given names, single ones or whole groups.
+
+    Left out are settings that are zero, which are switched off, and switches.
+
+    Raises:
+      InputError: a name that no setting has, or under which there is nothing to search.
+    """
+    leaves = jax.tree_util.tree_flatten_with_path(config)[0]
+    dotted = [jax.tree_util.keystr(path).removeprefix(".") for path, _ in leaves]
+    groups = {name[:i] for name in dotted for i, c in enumerate(name) if c in ".["}
+    chosen: set[int] = set()
+    for name in names:
+        below = [i for i, one in enumerate(dotted) if one == name or one.startswith((f"{name}.", f"{name}["))]
+        if not below:
+            raise InputError(f"tune = {name!r}: no setting has this name{nearest(name, groups | set(dotted))}")
+        ends = [_range(config, dotted[i]) for i in below]
+        free = [i for i, end in zip(below, ends, strict=True) if float(leaves[i][1]) > 0.0 and end != (0.0, 1.0)]
+        if not free:
+            raise InputError(f"tune = {name!r}: is zero, which stays so, or a switch; nothing there can be tuned")
+        chosen.update(free)
+    places = tuple(sorted(chosen))
+    picked = tuple(dotted[i] for i in places)
+    return Knobs(picked, places, tuple(_range(config, name) for name in picked))
+
+
+def turned(config: PlannerConfig, knobs: Knobs, logarithms: Array) -> PlannerConfig:
+    """The configuration with the knobs [n] turned by logarithms [n] from where they are; differentiable."""
+    leaves, structure = jax.tree.flatten(config)
+    inside = jnp.clip(logarithms, -SPAN, SPAN)
+    for i, place in enumerate(knobs.places):
+        low, high = knobs.ranges[i]
+        leaves[place] = jnp.clip(leaves[place] * jnp.exp(inside[i]), low, high)
+    new = structure.unflatten(leaves)
+    reaching = {
+        field.name: _reaching(value) if isinstance(value := getattr(new.constraints, field.name), Barrier) else value
+        for field in dataclasses.fields(new.constraints)
+    }
+    return dataclasses.replace(new, constraints=dataclasses.replace(new.constraints, **reaching))
+
+
+def as_numbers(config: PlannerConfig) -> PlannerConfig:
+    """The configuration with plain numbers of at most six significant digits, for a file."""
+    return jax.tree.map(lambda leaf: float(f"{float(leaf):.6g}"), config)
+
+
+def _reaching(barrier: Barrier) -> Barrier:
+    return dataclasses.replace(barrier, reach=jnp.maximum(jnp.asarray(barrier.reach), REACH * barrier.switch))
+
+
+def _range(config: PlannerConfig, name: str) -> tuple[float, float]:
+    """Allowed values of a setting."""
+    *groups, field = name.partition("[")[0].split(".")
+    node: Any = config
+    for group in groups:
+        node = getattr(node, group)
+    return RANGES.get(f"{type(node).__name__}.{field}", (0.0, 1e9))
+
+
+def changes(before: PlannerConfig, after: PlannerConfig, knobs: Knobs) -> dict[str, tuple[float, float]]:
+    """Values of each knob in two configurations, by name."""
+    old, new = jax.tree.leaves(before), jax.tree.leaves(after)
+    return {name: (float(old[k]), float(new[k])) for name, k in zip(knobs.names, knobs.places, strict=True)}

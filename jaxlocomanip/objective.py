@@ -1,0 +1,122 @@
+"""What tuning minimises: the loss of an episode, and losses and gradients of settings over batches of scenarios."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from jaxlocomanip.gradients import SoftOutcome, soft_outcome
+from jaxlocomanip.knobs import Knobs, turned
+from jaxlocomanip.numerics import pytree
+from jaxlocomanip.planner.config import PlannerConfig
+from jaxlocomanip.scenario import Scenario
+
+Floats = NDArray[np.floating[Any]]
+
+CLIP = 1.0
+"""largest norm of a lane's gradient"""
+WORST = 1e3
+"""loss of an episode with numbers that are not finite"""
+
+
+@pytree
+class Objective:
+    """Loss of a scenario, from its soft outcome."""
+
+    clearance: float = 0.05
+    """m, wanted between bodies and obstacles"""
+    softness: float = 0.02
+    """m, over which the penalty of less sets in"""
+    danger: float = 20.0
+    """1/m, of clearance that is missing"""
+    arrival: float = 1.0
+    """of ln(1 + (error / tolerance)^2), for position and heading at the end"""
+    time: float = 1.0
+    """of the share of the time spent outside the goal tolerances"""
+    effort: float = 1e-5
+    """1/(N^2 s)"""
+
+
+def loss(outcome: SoftOutcome, scenario: Scenario, objective: Objective) -> Array:
+    """[] loss of an episode: finite and, but for the missing clearance and the effort, of slow growth."""
+    goal, soft = scenario.goal, objective.softness
+    missing = soft * jax.nn.softplus((objective.clearance - outcome.clearance_m) / soft)
+    arrival = jnp.log1p(outcome.goal_error_m2 / goal.position_tolerance**2)
+    arrival += jnp.log1p(outcome.heading_error_rad2 / goal.heading_tolerance**2)
+    time = outcome.time_s / scenario.duration
+    return (
+        objective.danger * missing
+        + objective.arrival * arrival
+        + objective.time * time
+        + objective.effort * outcome.effort_n2s
+    )
+
+
+def picked(scenarios: Scenario, lanes: NDArray[np.integer[Any]]) -> Scenario:
+    """Some lanes of a batch."""
+    return jax.tree.map(lambda leaf: leaf[lanes], scenarios)
+
+
+class Losses:
+    """Losses of settings over scenarios, and their gradients, in batches of one shape each."""
+
+    def __init__(self, base: PlannerConfig, knobs: Knobs, aim: Objective, ticks: int, batch: int) -> None:
+        self._given = (base, jax.tree.map(jnp.asarray, aim))
+        self._static = {"knobs": knobs, "ticks": ticks}
+        self._batch = batch
+        self.count = len(knobs.names)
+
+    def of(self, settings: Floats, scenarios: Scenario) -> Floats:
+        """[p] mean losses of settings [p, n] over scenarios [B]."""
+        return np.stack([self.each(one, scenarios).mean() for one in settings])
+
+    def each(self, center: Floats, scenarios: Scenario) -> Floats:
+        """[B] losses of the settings [n]."""
+        values = _values(jnp.asarray(center, jnp.float32), scenarios, *self._given, **self._static)
+        # A lane that is lost altogether counts as very bad, and not more.
+        return np.nan_to_num(np.asarray(values, float), nan=WORST, posinf=WORST, neginf=WORST)
+
+    def mean(self, scenarios: Scenario, center: Floats | None = None) -> float:
+        """Mean loss over any number of scenarios, a batch at a time."""
+        where = np.zeros(self.count) if center is None else center
+        total = int(scenarios.duration.shape[0])
+        values: list[float] = []
+        for first in range(0, total, self._batch):
+            lanes = np.minimum(np.arange(first, first + self._batch), total - 1)
+            part = self.each(where, picked(scenarios, lanes))
+            values += part[: total - first].tolist()
+        return float(np.mean(values))
+
+    def slopes(self, center: Floats, scenarios: Scenario) -> tuple[float, Floats]:
+        """Mean loss and mean of the lanes' clipped gradients [n]."""
+        values, slopes = _slopes(jnp.asarray(center, jnp.float32), scenarios, *self._given, **self._static)
+        rows = np.asarray(slopes, float)
+        rows = np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, 0.0)
+        norms = np.linalg.norm(rows, axis=1, keepdims=True)
+        rows *= np.minimum(1.0, CLIP / np.maximum(norms, 1e-12))
+        return float(np.nan_to_num(np.asarray(values, float), nan=WORST).mean()), rows.mean(axis=0)
+
+
+def _loss_of(center: Array, scenario: Scenario, base: PlannerConfig, aim: Objective, knobs: Knobs, ticks: int) -> Array:
+    return loss(soft_outcome(scenario, turned(base, knobs, center), ticks), scenario, aim)
+
+
+@partial(jax.jit, static_argnames=("knobs", "ticks"))
+def _values(
+    center: Array, scenarios: Scenario, base: PlannerConfig, aim: Objective, *, knobs: Knobs, ticks: int
+) -> Array:
+    return jax.vmap(lambda s: _loss_of(center, s, base, aim, knobs, ticks))(scenarios)
+
+
+@partial(jax.jit, static_argnames=("knobs", "ticks"))
+def _slopes(
+    center: Array, scenarios: Scenario, base: PlannerConfig, aim: Objective, *, knobs: Knobs, ticks: int
+) -> tuple[Array, Array]:
+    one = jax.value_and_grad(_loss_of)
+    return jax.vmap(lambda s: one(center, s, base, aim, knobs, ticks))(scenarios)

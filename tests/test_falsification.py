@@ -1,0 +1,144 @@
+"""The search on a made-up clearance, whose least value is known; and once in earnest."""
+
+import dataclasses
+import json
+import os
+
+import numpy as np
+import pytest
+
+from jaxlocomanip import cli, falsification
+from jaxlocomanip.build import build
+from jaxlocomanip.checked import InputError
+from jaxlocomanip.closed_loop import simulate
+from jaxlocomanip.falsification import Search, falsify, sample_worst
+from jaxlocomanip.planner.config import Horizon, PlannerConfig
+from jaxlocomanip.sampling.feasibility import judged
+from jaxlocomanip.sampling.study import parse_study
+from jaxlocomanip.specification import load_scenario
+from jaxlocomanip.trials import Found, Trials
+
+STUDY = """
+name = "breaking"
+extends = "standard"
+duration = 1.0
+[goal]
+distance = { uniform = [1.0, 2.0] }
+heading = 0.0
+[obstacles]
+count = 2
+along = { uniform = [0.3, 0.8] }
+half_size = 0.2
+"""
+SMALL = Search(screened=6, lanes=3, rounds=3, steps=(0.1, 0.4))
+
+
+@pytest.fixture(scope="module")
+def study():
+    return parse_study(STUDY)
+
+
+def made_up(place):
+    """Least for the heaviest object on the roughest floor."""
+    mass, friction = place.spec.truth.mass, place.spec.truth.friction
+    return 1.0 - 0.05 * mass - 0.5 * friction
+
+
+@pytest.fixture
+def no_episodes(monkeypatch):
+    """Counts what would have been run."""
+    counts = {"episodes": 0, "gradients": 0}
+
+    def run(self, places):
+        counts["episodes"] += len(places)
+        clear = [(place, made_up(place)) for place in places]
+        return [(place, Found(place.spec, place.seed, c, c < 0.2, False, True)) for place, c in clear]
+
+    def gradients(self, places):
+        counts["gradients"] += len(places)
+        slopes = [np.zeros(len(place.coordinates)) for place in places]
+        for slope in slopes:
+            slope[:2] = -0.2, -0.1
+        return slopes
+
+    monkeypatch.setattr(Trials, "run", run)
+    monkeypatch.setattr(Trials, "gradients", gradients)
+    return counts
+
+
+def test_steps_go_down_to_the_bounds(study, no_episodes):
+    config = PlannerConfig()
+    begun = sample_worst(study, config, SMALL.screened, keep=SMALL.screened)
+    found = falsify(study, config, search=SMALL)
+    assert found.worst[0].clearance < begun.worst[0].clearance
+    assert [one.clearance for one in found.worst] == sorted(one.clearance for one in found.worst)
+    assert len({one.spec.name for one in found.worst}) == SMALL.lanes
+    assert found.collisions == sum(one.clearance < 0.2 for one in found.worst)
+    for one in found.worst:
+        assert 3.0 <= one.spec.truth.mass <= 12.0 and 0.15 <= one.spec.truth.friction <= 0.6
+        assert not isinstance(judged(one.spec, 0), str)
+
+
+def test_the_budget_is_what_it_costs(study, no_episodes):
+    found = falsify(study, PlannerConfig(), search=SMALL)
+    random, tried = SMALL.screened, SMALL.rounds * SMALL.lanes * len(SMALL.steps)
+    assert no_episodes["episodes"] == random + tried
+    assert no_episodes["gradients"] == SMALL.rounds * SMALL.lanes
+    assert found.episodes == SMALL.episodes == random + tried + SMALL.gradient_cost * no_episodes["gradients"]
+
+
+def test_random_sampling_begins_with_the_same_scenarios(study, no_episodes):
+    few = sample_worst(study, PlannerConfig(), 4, keep=4)
+    more = sample_worst(study, PlannerConfig(), 8, keep=8)
+    assert {one.spec for one in few.worst} < {one.spec for one in more.worst}
+    other = sample_worst(study, PlannerConfig(), 4, seed=1, keep=4)
+    assert not {one.spec for one in few.worst} & {one.spec for one in other.worst}
+
+
+def test_gradients_that_say_nothing_move_nothing(study, no_episodes, monkeypatch):
+    flat = [np.zeros(15), np.full(15, np.nan), np.zeros(15)]
+    monkeypatch.setattr(Trials, "gradients", lambda self, places: flat)
+    begun = sample_worst(study, PlannerConfig(), SMALL.screened, keep=SMALL.lanes)
+    assert falsify(study, PlannerConfig(), search=SMALL).worst == begun.worst
+
+
+def test_bad_searches_are_refused(study):
+    with pytest.raises(InputError, match=r"search.lanes = 9: must be >= 1 and <= search.screened = 8"):
+        falsify(study, PlannerConfig(), search=Search(screened=8, lanes=9))
+
+
+def test_studies_without_scenarios_within_the_bounds_are_refused(study, monkeypatch):
+    monkeypatch.setattr(falsification, "place_at", lambda *_: None)
+    with pytest.raises(InputError, match="breaking: hardly any of its scenarios"):
+        sample_worst(study, PlannerConfig(), 1)
+
+
+def test_the_command_leaves_scenarios(no_episodes, tmp_path, monkeypatch, capsys):
+    file = tmp_path / "breaking.toml"
+    file.write_text(STUDY)
+    monkeypatch.setattr(os, "environ", os.environ.copy())
+    out = tmp_path / "out"
+    sizes = ["--screened", "5", "--lanes", "2", "--rounds", "1"]
+    assert cli.main(["falsify", str(file), "--out", str(out), *sizes]) == 0
+    summary = json.loads((out / "worst.json").read_text())
+    assert [row["file"] for row in summary["worst"]] == ["worst-00.toml", "worst-01.toml"]
+    for row in summary["worst"]:
+        spec = load_scenario(out / row["file"])
+        assert spec.name == row["scenario"]
+        assert made_up(dataclasses.make_dataclass("Place", ["spec"])(spec)) == pytest.approx(row["clearance"])
+    assert "after 25 episodes" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_in_earnest(study):
+    """What is found is an episode that `simulate` runs, and the gradient is that of a forward difference."""
+    config = PlannerConfig(horizon=Horizon(steps=5))
+    found = falsify(study, config, seed=1, search=Search(screened=4, lanes=2, rounds=1, steps=(0.1, 0.4)))
+    (worst, _) = found.worst
+    again = simulate(build(worst.spec), config, seed=worst.seed, record=False).outcome
+    clearance = min(float(again.min_object_clearance_m), float(again.min_robot_clearance_m))
+    # Rounding differs outside of a batch.
+    assert clearance == pytest.approx(worst.clearance, abs=0.01)
+    begun = sample_worst(study, config, 4, seed=1, keep=2, lanes=4)
+    assert all(a.clearance <= b.clearance for a, b in zip(found.worst, begun.worst, strict=True))

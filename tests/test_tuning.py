@@ -1,0 +1,160 @@
+"""Tuning on a made-up loss: both methods find its minimum, checkpoints, held-out choice; and once in earnest."""
+
+import dataclasses
+import json
+import math
+import tomllib
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxlocomanip import tuning
+from jaxlocomanip.checked import InputError
+from jaxlocomanip.config_file import config_from_table, config_to_toml
+from jaxlocomanip.gradients import SoftOutcome
+from jaxlocomanip.objective import CLIP, WORST, Losses, Objective, loss
+from jaxlocomanip.planner.config import Horizon, PlannerConfig
+from jaxlocomanip.scenario import stack
+from jaxlocomanip.tuning import Settings, tune
+
+NAMES = ("weights.force", "weights.offset")
+TARGET = np.array([-0.7, 0.4])
+"""in the order of the configuration: offset, force"""
+
+
+class Bowl:
+    """Losses with their least value where the logarithms are at TARGET, noisy by the scenario's index."""
+
+    count = 2
+
+    def __init__(self, *given):
+        del given
+
+    def each(self, center, scenarios):
+        return np.sum((center - TARGET) ** 2) + 0.1 * np.sin(7.0 * np.asarray(scenarios.index))
+
+    def of(self, settings, scenarios):
+        return np.stack([self.each(one, scenarios).mean() for one in settings])
+
+    def mean(self, scenarios, center=None):
+        return float(self.each(np.zeros(2) if center is None else center, scenarios).mean())
+
+    def slopes(self, center, scenarios):
+        return self.mean(scenarios, center), 2.0 * (center - TARGET)
+
+
+@pytest.fixture
+def bowl(monkeypatch):
+    monkeypatch.setattr(tuning, "Losses", Bowl)
+
+
+@pytest.fixture(scope="module")
+def sets(make_scenario):
+    """Training and held-out scenarios."""
+    lanes = [make_scenario(index) for index in range(8)]
+    return stack(lanes[:5]), stack(lanes[5:])
+
+
+GRADIENT = Settings(NAMES, steps=40, batch=2, rate=0.1)
+ENTROPY = Settings(NAMES, method="cem", steps=30, batch=2)
+
+
+@pytest.mark.parametrize("plan", [GRADIENT, ENTROPY], ids=lambda plan: plan.method)
+def test_the_minimum_is_found(bowl, sets, plan):
+    start = PlannerConfig()
+    tuned = tune(start, *sets, 10, plan)
+    assert tuned.config.weights.force == pytest.approx(start.weights.force * math.exp(0.4), rel=0.05)
+    assert tuned.config.weights.offset == pytest.approx(start.weights.offset * math.exp(-0.7), rel=0.05)
+    assert tuned.config.weights.twist == start.weights.twist
+    assert tuned.loss == pytest.approx(min(row["held_out"] for row in tuned.history if "held_out" in row))
+    assert tuned.history[-1]["episodes"] == plan.steps * plan.episodes
+    # What comes out is a file for --config.
+    assert config_from_table(tomllib.loads(config_to_toml(tuned.config))) == tuned.config
+
+
+@pytest.mark.parametrize("plan", [GRADIENT, ENTROPY], ids=lambda plan: plan.method)
+def test_a_stopped_run_goes_on_as_if_it_had_not_been(bowl, sets, plan, tmp_path):
+    file = tmp_path / "tune.json"
+    whole = tune(PlannerConfig(), *sets, 10, dataclasses.replace(plan, steps=10))
+    tune(PlannerConfig(), *sets, 10, dataclasses.replace(plan, steps=5), checkpoint=file)
+    assert [path.name for path in tmp_path.iterdir()] == ["tune.json"]
+    again = tune(PlannerConfig(), *sets, 10, dataclasses.replace(plan, steps=10), checkpoint=file)
+    assert again == whole
+
+
+def test_checkpoints_of_other_runs_are_refused(bowl, sets, tmp_path):
+    file, plan = tmp_path / "tune.json", Settings(NAMES, steps=2, batch=2)
+    tune(PlannerConfig(), *sets, 10, plan, checkpoint=file)
+    for change, text in (
+        ({"settings": dataclasses.replace(plan, rate=0.3)}, "other settings"),
+        ({"ticks": 11}, "another ticks"),
+        ({"objective": Objective(time=2.0)}, "another objective"),
+    ):
+        given = {"ticks": 10, "settings": plan} | change
+        with pytest.raises(InputError, match=text):
+            tune(PlannerConfig(), *sets, checkpoint=file, **given)
+    file.write_text(json.dumps({"about": 3}))
+    with pytest.raises(InputError, match="cannot be read as a checkpoint"):
+        tune(PlannerConfig(), *sets, 10, plan, checkpoint=file)
+
+
+def test_settings_that_only_fit_the_training_scenarios_are_not_kept(bowl, sets, monkeypatch):
+    def other_way(self, center, scenarios):
+        return self.mean(scenarios, center), -2.0 * (center - TARGET)
+
+    monkeypatch.setattr(Bowl, "slopes", other_way)
+    tuned = tune(PlannerConfig(), *sets, 10, Settings(NAMES, steps=10, batch=2))
+    assert tuned.config.weights.force == pytest.approx(PlannerConfig().weights.force)
+    assert tuned.loss == tuned.history[0]["held_out"]
+
+
+def test_bad_settings_are_refused(sets):
+    with pytest.raises(InputError, match="batch = 6: must be >= 1 and <= the 5 training scenarios"):
+        tune(PlannerConfig(), *sets, 10, Settings(NAMES, batch=6))
+    with pytest.raises(InputError, match="method = 'sgd'"):
+        tune(PlannerConfig(), *sets, 10, Settings(NAMES, method="sgd"))
+
+
+def outcome(**changes):
+    values = {
+        "path_error_m2": 0.01,
+        "effort_n2s": 1e3,
+        "clearance_m": 0.3,
+        "time_s": 1.5,
+        "goal_error_m2": 0.01,
+        "heading_error_rad2": 0.01,
+    }
+    return SoftOutcome(**jax.tree.map(jnp.asarray, values | changes))
+
+
+def test_the_loss_knows_what_is_better(make_scenario):
+    scenario = make_scenario()
+
+    def of(**changes):
+        return float(loss(outcome(**changes), scenario, Objective()))
+
+    assert of() < of(goal_error_m2=0.1) < of(goal_error_m2=1.0)
+    assert of() < of(heading_error_rad2=0.5)
+    assert of() < of(time_s=3.0)
+    assert of() < of(effort_n2s=1e4)
+    # Ten centimetres of missing clearance outweigh arriving.
+    assert of(clearance_m=-0.1) > of(goal_error_m2=0.2)
+    assert of(clearance_m=1.0) == pytest.approx(of(clearance_m=2.0), rel=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_gradients_of_settings_in_earnest(make_scenario):
+    """Central differences of the mean loss along the gradient, and lanes that are clipped."""
+    box = [{"shape": "box", "size": [0.5, 0.5], "position": [1.0, 0.1]}]
+    config = PlannerConfig(horizon=Horizon(steps=5))
+    scenarios = stack([make_scenario(index, obstacles=box, duration=1.0) for index in range(2)])
+    knobs = tuning.knobs_of(config, NAMES)
+    losses = Losses(jax.tree.map(jnp.asarray, config), knobs, Objective(), 50, 2)
+    value, slope = losses.slopes(np.zeros(2), scenarios)
+    assert value == pytest.approx(losses.mean(scenarios), rel=1e-4)
+    assert 0.0 < np.linalg.norm(slope) <= CLIP + 1e-6 and value < WORST
+    way = 0.1 * slope / np.linalg.norm(slope)
+    assert losses.mean(scenarios, -way) < losses.mean(scenarios, way)

@@ -1,0 +1,85 @@
+"""Varied scenarios as arrays and as files are the same, within their bounds."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxlocomanip.build import build
+from jaxlocomanip.planar.dynamics import GRAVITY
+from jaxlocomanip.sampling.sampler import draw
+from jaxlocomanip.sampling.study import find_study
+from jaxlocomanip.specification import MotionSpec
+from jaxlocomanip.variation import Bounds, dimension, varied_spec, vary
+
+make = jax.jit(vary)
+
+
+@pytest.fixture(scope="module")
+def lanes():
+    return [draw(find_study("moving"), 0, index) for index in range(4)]
+
+
+def coordinates(lane, seed):
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, dimension(lane.scenario))
+
+
+def test_file_and_arrays_agree(lanes):
+    """Refusals of `build` apart: an obstacle may be moved onto the start."""
+    compared = 0
+    for lane in lanes:
+        for seed in range(3):
+            where = coordinates(lane, seed)
+            try:
+                from_file = build(varied_spec(lane.spec, lane.scenario, where, Bounds()), lane.index)
+            except ValueError:
+                continue
+            varied = make(lane.scenario, jnp.asarray(where, jnp.float32), Bounds())
+            for a, b in zip(jax.tree.leaves(from_file), jax.tree.leaves(varied), strict=True):
+                np.testing.assert_allclose(a, b, rtol=1e-4, atol=3e-6)
+            compared += 1
+    assert compared > 6
+
+
+def test_quantities_stay_within_the_bounds(lanes):
+    box = Bounds()
+    for lane in lanes:
+        for sign in (-1.0, 1.0):
+            varied = make(lane.scenario, jnp.full(dimension(lane.scenario), sign), box)
+            end = 0 if sign < 0.0 else 1
+            ratio = float(varied.truth.mass / lane.scenario.object.body.mass)
+            assert ratio == pytest.approx(box.mass_ratio[end], rel=1e-5)
+            friction = float(varied.truth.friction_force / (varied.truth.mass * GRAVITY))
+            assert friction == pytest.approx(box.friction[end], rel=1e-5)
+            assert varied.truth.com == pytest.approx(np.full(2, sign * 0.2 * 0.25), rel=1e-5)
+            moved = varied.obstacles.position - lane.scenario.obstacles.position
+            assert moved == pytest.approx(np.full(moved.shape, sign * box.shift), abs=1e-5)
+            faster = varied.obstacles.velocity - lane.scenario.obstacles.velocity
+            expected = sign * box.velocity * lane.scenario.obstacles.dynamic[:, None] * np.ones(2)
+            assert faster == pytest.approx(expected, abs=1e-5)
+
+
+def test_bodies_stay_possible(lanes):
+    for lane in lanes:
+        before = lane.scenario.truth
+        varied = make(lane.scenario, jnp.asarray(coordinates(lane, 7)), Bounds()).truth
+        gyration = [float(b.central_inertia / b.mass) for b in (before, varied)]
+        assert gyration[1] == pytest.approx(gyration[0], rel=1e-4)
+
+
+def test_standing_and_absent_obstacles_stay_so(make_scenario):
+    scenario = make_scenario()
+    varied = vary(scenario, jnp.ones(dimension(scenario)), Bounds())
+    np.testing.assert_array_equal(varied.obstacles.position, scenario.obstacles.position)
+    np.testing.assert_array_equal(varied.obstacles.velocity, scenario.obstacles.velocity)
+
+
+def test_waypoints_are_carried_along(lanes):
+    (lane, *_) = lanes
+    walk = MotionSpec("waypoints", times=(0.0, 5.0), points=((9.0, 9.0), (9.0, 8.0)))
+    first = dataclasses.replace(lane.spec.obstacles[0], motion=walk)
+    spec = dataclasses.replace(lane.spec, obstacles=(first, *lane.spec.obstacles[1:]))
+    varied = varied_spec(spec, lane.scenario, np.ones(dimension(lane.scenario)), Bounds(shift=0.25))
+    assert varied.obstacles[0].motion.points == ((9.25, 9.25), (9.25, 8.25))
