@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import os
 import tomllib
 
 import jax
@@ -10,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxlocomanip import tuning
+from jaxlocomanip import cli, tuning
 from jaxlocomanip.checked import InputError
-from jaxlocomanip.config_file import config_from_table, config_to_toml
+from jaxlocomanip.config_file import config_from_table, config_to_toml, load_config
 from jaxlocomanip.gradients import SoftOutcome
 from jaxlocomanip.objective import CLIP, WORST, Losses, Objective, loss
 from jaxlocomanip.planner.config import Horizon, PlannerConfig
@@ -108,6 +109,37 @@ def test_settings_that_only_fit_the_training_scenarios_are_not_kept(bowl, sets, 
     tuned = tune(PlannerConfig(), *sets, 10, Settings(NAMES, steps=10, batch=2))
     assert tuned.config.weights.force == pytest.approx(PlannerConfig().weights.force)
     assert tuned.loss == tuned.history[0]["held_out"]
+
+
+def test_the_command_leaves_a_file_for_config(bowl, tiny_study, tmp_path, monkeypatch, capsys):
+    study, out = tmp_path / "tiny.toml", tmp_path / "out"
+    study.write_text(tiny_study)
+    monkeypatch.setattr(os, "environ", os.environ.copy())
+    sizes = ["--train", "3", "--held-out", "2", "--batch", "2", "--steps", "6"]
+    command = ["tune", str(study), "--out", str(out), *sizes, "--tune", NAMES[0], "--tune", NAMES[1]]
+    assert cli.main(command) == 0
+    assert load_config(out / "tuned.toml").weights.force > PlannerConfig().weights.force
+    assert "weights.force: 0.004 -> " in capsys.readouterr().out
+    # Once more: nothing is left to do.
+    assert cli.main(command) == 0
+    assert "step" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--method", "newton"], "method = 'newton': must be one of gradient, cem"),
+        (["--tune", "weight"], "tune = 'weight': no setting has this name; did you mean 'weights'?"),
+        (["--batch", "9", "--train", "8"], "batch = 9: must be >= 1 and <= the 8 training scenarios"),
+    ],
+)
+def test_the_command_refuses(tiny_study, tmp_path, monkeypatch, capsys, arguments, text):
+    study = tmp_path / "tiny.toml"
+    study.write_text(tiny_study)
+    monkeypatch.setattr(os, "environ", os.environ.copy())
+    monkeypatch.setattr(tuning, "Losses", lambda *_: pytest.fail("compiled before refusing"))
+    assert cli.main(["tune", str(study), "--out", str(tmp_path / "out"), *arguments]) == 2
+    assert text in capsys.readouterr().err
 
 
 def test_bad_settings_are_refused(sets):
