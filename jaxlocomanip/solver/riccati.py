@@ -2,15 +2,21 @@
 
 minimise   sum_{k<N} 1/2 z_k' H_k z_k + g_k' z_k  +  1/2 dx_N' H_N dx_N + g_N' dx_N,   z_k = [dx_k, du_k]
 subject to dx_{k+1} = F_k z_k + c_k,   dx_0 given.
+
+Batches have their lanes last, and what each step of a stage reads is computed apart (`layout`).
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import Floats, cholesky, cholesky_solve, pytree, symmetric_solve
+from jaxlocomanip.numerics import Floats, pytree, tiny
+from jaxlocomanip.solver.layout import apart, applied, lanes_last, times, transposed_applied, transposed_times
 
 
 @pytree
@@ -53,39 +59,100 @@ def solve(lq: LinearQuadratic, dx0: Array, regularisation: Floats, definite: boo
       dx0: [nx] initial deviation.
       regularisation: >= 0, added to the diagonal of the input Hessian.
       definite: false for the stationary point of a subproblem that may have no minimum; then H_k + F_k' P F_k need only
-        be invertible in u.
+        be invertible in u, and so must be its lower right minors.
     """
-    nx = dx0.shape[0]
-    nu = lq.hessian.shape[-1] - nx
-    damping = regularisation * jnp.eye(nu, dtype=dx0.dtype)
-    # Vectors ride along as last columns of the matrices, and the transpose is taken once for all stages: few, plain
-    # matrix products are what a compiler knows how to do fast.
-    quadratic = jnp.concatenate([lq.hessian, lq.gradient[..., None]], axis=-1)
-    affine = jnp.concatenate([lq.dynamics, lq.defect[..., None]], axis=-1)
-    transposed = jnp.swapaxes(lq.dynamics, -1, -2)
+    sweeps = _minimum if definite else _stationary_point
+    return sweeps(lq, dx0, jnp.asarray(regularisation, dx0.dtype))
 
-    def backward(carry: tuple[Array, Array], k: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
-        value, slope = carry
-        quadratic, affine, transposed = k
-        transported = (value @ affine).at[:, -1].add(slope)
-        total = quadratic + transposed @ transported
-        inputs, right = total[nx:, nx:-1] + damping, jnp.concatenate([total[nx:, :nx], total[nx:, -1:]], axis=1)
-        gains = -cholesky_solve(cholesky(inputs), right) if definite else -symmetric_solve(inputs, right)
-        new = jnp.concatenate([total[:nx, :nx], total[:nx, -1:]], axis=1) + total[:nx, nx:-1] @ gains
-        return (0.5 * (new[:, :nx] + new[:, :nx].T), new[:, nx]), (gains[:, nx], gains[:, :nx], value, slope)
 
-    start = (lq.final_hessian, lq.final_gradient)
-    (value0, slope0), (feedforward, feedback, values, slopes) = jax.lax.scan(
-        backward, start, (quadratic, affine, transposed), reverse=True
-    )
+def _sweeps(lq: LinearQuadratic, dx0: Array, damping: Array, trusted: Callable[[Array], Array]) -> Direction:
+    """Both sweeps; all arrays may have trailing axes."""
+    nx, nz = lq.dynamics.shape[1:3]
+
+    def backward(cost_to_go: tuple[Array, Array], k: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Any, ...]]:
+        hessian, gradient, dynamics, defect = k
+        matrix, vector = _total(hessian, gradient, dynamics, *_transported(*cost_to_go, dynamics, defect))
+        policy = []
+        for _ in range(nz - nx):
+            pivot = trusted(matrix[-1, -1] + damping)
+            row, constant = matrix[-1, :-1] / pivot, vector[-1] / pivot
+            matrix, vector = _eliminated(matrix, vector, row, constant)
+            policy.append((row, constant))
+        return (matrix, vector), (policy[::-1], *cost_to_go)
+
+    start = lq.final_hessian, lq.final_gradient
+    stages = lq.hessian, lq.gradient, lq.dynamics, lq.defect
+    first, (policy, values, slopes) = jax.lax.scan(backward, start, stages, reverse=True)
+    feedback, feedforward = _feedback(policy, nx)
 
     def forward(dx: Array, k: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
-        dynamics, defect, offset, gain = k
-        du = offset + gain @ dx
-        new = dynamics @ jnp.concatenate([dx, du]) + defect
+        dynamics, defect, gain, offset = k
+        du = _input(gain, offset, dx)
+        new = _following(dynamics, defect, dx, du)
         return new, (new, du)
 
-    _, (dxs, dus) = jax.lax.scan(forward, dx0, (lq.dynamics, lq.defect, feedforward, feedback))
-    costates = jnp.einsum("kij,kj->ki", values, dxs) + slopes
-    first = value0 @ dx0 + slope0
-    return Direction(jnp.concatenate([dx0[None], dxs]), dus, jnp.concatenate([first[None], costates]), feedback)
+    _, (dxs, dus) = jax.lax.scan(forward, dx0, (lq.dynamics, lq.defect, feedback, feedforward))
+    costates = jax.vmap(applied)(values, dxs) + slopes
+    first_costate = applied(first[0], dx0) + first[1]
+    return Direction(jnp.concatenate([dx0[None], dxs]), dus, jnp.concatenate([first_costate[None], costates]), feedback)
+
+
+@apart
+def _transported(value: Array, slope: Array, dynamics: Array, defect: Array) -> tuple[Array, Array]:
+    """P F [nx, nz] and P c + p [nx]."""
+    return times(value, dynamics), applied(value, defect) + slope
+
+
+@apart
+def _total(hessian: Array, gradient: Array, dynamics: Array, transported: Array, pushed: Array) -> tuple[Array, Array]:
+    """H + F' P F [nz, nz] and g + F' (P c + p) [nz]."""
+    return hessian + transposed_times(dynamics, transported), gradient + transposed_applied(dynamics, pushed)
+
+
+@apart
+def _eliminated(matrix: Array, vector: Array, row: Array, constant: Array) -> tuple[Array, Array]:
+    """Hessian and gradient of a quadratic whose last variable is -(row z + constant), where it is stationary."""
+    column = matrix[:-1, -1]
+    return matrix[:-1, :-1] - column[:, None] * row, vector[:-1] - column * constant
+
+
+def _feedback(policy: Sequence[tuple[Array, Array]], nx: int) -> tuple[Array, Array]:
+    """Feedback [N, nu, nx] and feedforward [N, nu], of a policy by states and earlier inputs."""
+    gains: list[Array] = []
+    offsets: list[Array] = []
+    for row, constant in policy:
+        gain, offset = -row[:, :nx], -constant
+        for i, (earlier, its_offset) in enumerate(zip(gains, offsets, strict=True)):
+            gain, offset = gain - row[:, nx + i, None] * earlier, offset - row[:, nx + i] * its_offset
+        gains.append(gain)
+        offsets.append(offset)
+    return jnp.stack(gains, axis=1), jnp.stack(offsets, axis=1)
+
+
+@apart
+def _input(gain: Array, offset: Array, dx: Array) -> Array:
+    return offset + applied(gain, dx)
+
+
+@apart
+def _following(dynamics: Array, defect: Array, dx: Array, du: Array) -> Array:
+    nx = dx.shape[0]
+    return defect + applied(dynamics[:, :nx], dx) + applied(dynamics[:, nx:], du)
+
+
+def _positive(pivot: Array) -> Array:
+    return jnp.maximum(pivot, tiny(pivot.dtype))
+
+
+def _nonzero(pivot: Array) -> Array:
+    return jnp.where(pivot < 0.0, -1.0, 1.0) * jnp.maximum(jnp.abs(pivot), tiny(pivot.dtype))
+
+
+@lanes_last
+def _minimum(lq: LinearQuadratic, dx0: Array, damping: Array) -> Direction:
+    return _sweeps(lq, dx0, damping, _positive)
+
+
+@lanes_last
+def _stationary_point(lq: LinearQuadratic, dx0: Array, damping: Array) -> Direction:
+    return _sweeps(lq, dx0, damping, _nonzero)
