@@ -112,9 +112,9 @@ class Reference:
     settle: Number = 0.2
     """m, length of the exponential approach to the goal"""
     arrive: Number = 0.6
-    """fraction of the goal tolerances within which the team rests"""
+    """fraction of the goal tolerances within which a moving object is let come to rest"""
     leave: Number = 0.85
-    """fraction of the goal tolerances beyond which it resumes"""
+    """fraction of the goal tolerances beyond which an object at rest is pushed on"""
     second_start: Number = 1.0
     """1: each tick, try a plan that pushes at once beside the warm start; 0: warm start only"""
     plan_path: Number = 1.0

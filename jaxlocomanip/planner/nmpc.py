@@ -156,7 +156,14 @@ def tick(
     estimate, parameters, obstacles, force, watched = observe(state, measured, task, config)
     tolerance = jnp.stack([task.goal.position_tolerance, task.goal.heading_tolerance])
     progress = reference.advance(
-        state.progress, state.path, estimate.pose, task.goal.pose, tolerance, horizon.tick, config.reference
+        state.progress,
+        state.path,
+        estimate.pose,
+        estimate.twist,
+        task.goal.pose,
+        tolerance,
+        horizon.tick,
+        config.reference,
     )
     # The reference waits for the robots: a lead built up while nobody can push would be caught up with in a jerk.
     progress = select(jnp.any(measured.contact), progress, state.progress)

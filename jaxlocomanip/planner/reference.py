@@ -56,6 +56,7 @@ def advance(
     progress: Progress,
     path: Path,
     pose: Array,
+    twist: Array,
     goal: Array,
     tolerance: Array,
     tick: Floats,
@@ -67,6 +68,7 @@ def advance(
       progress: the previous one.
       path: the path in force.
       pose: [3] estimated pose.
+      twist: [3] estimated twist.
       goal: [3].
       tolerance: [2] m and rad, of the goal.
       tick: s.
@@ -83,7 +85,9 @@ def advance(
     reference = jnp.minimum(jnp.maximum(ahead, projected), path.length)
     off = pose - goal
     misfit = jnp.maximum(jnp.sqrt(jnp.sum(off[:2] ** 2)) / tolerance[0], jnp.abs(wrap_angle(off[2])) / tolerance[1])
-    limit = jnp.where(progress.resting, settings.leave, settings.arrive)
+    # Where the object has come to stand within the tolerances it had better stay: the next approach may end worse.
+    stands = (jnp.max(jnp.abs(twist[:2])) < STILL[0]) & (jnp.abs(twist[2]) < STILL[1])
+    limit = jnp.where(progress.resting | stands, settings.leave, settings.arrive)
     return Progress(projected, reference, misfit < limit)
 
 
@@ -114,5 +118,7 @@ def targets(progress: Progress, path: Path, times: Array, settings: Reference) -
     return Targets(path.at(arc), slope * rate[:, None], force * moving[:, None], offset)
 
 
+STILL = 0.02, 0.05
+"""m/s and rad/s, below which an object stands"""
 STOPPED = 0.03
 """m from the end of the path, within which an object that sticks is not pushed on"""

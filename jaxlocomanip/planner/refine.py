@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import projected_least_squares, pytree
+from jaxlocomanip.numerics import projected_least_squares, pytree, safe_norm
 from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planar.geometry import cross, feature_distance, nearest_feature, outline, perpendicular, rotate
 from jaxlocomanip.planar.vector import Vector
@@ -32,11 +32,15 @@ from jaxlocomanip.solver.ocp import Penalty, Plan, Stage, StageModel, forward_mo
 
 STEPS = 48
 """of a refined path"""
-_ITERATIONS = 6
+_ITERATIONS = 10
 _EFFORT = 0.1
 """weight of squared pushes beside that of squared steps: the robots share, and keep off the ends of their ranges"""
-_END = 8.0
-"""m of detour that a miss by the goal's whole tolerance is worth"""
+_END, _FREE = 20.0, 0.3
+"""m of detour that a miss by the goal's whole tolerance is worth, and the share of the tolerance that costs nothing"""
+_INSIDE = 0.1
+"""share of the same weight that a miss within it has"""
+_EVENLY = 20.0
+"""weight of steps of uneven length: obstacles cost per step, and a long one would pass through"""
 _GUESS = 0.2
 """1/m^2, pull towards the rough path"""
 _CONE = 0.2
@@ -94,6 +98,8 @@ class PathProblem:
     """[3], with the heading nearest to the rough path's end"""
     tolerance: Array
     """[3]"""
+    turn_radius: Array
+    """[] m, length of a radian"""
     step: Array
     """[] m, mean length of a step"""
     cone: Cone
@@ -110,6 +116,9 @@ class PathProblem:
         residual = jnp.concatenate(
             [
                 per_step * way,
+                jnp.sqrt(_EVENLY)
+                * per_step
+                * (safe_norm(jnp.concatenate([move[:2], self.turn_radius * move[2:]])) - self.step)[None],
                 jnp.sqrt(_EFFORT) * per_step * u,
                 jnp.sqrt(_GUESS * self.step) * (x - data.guess),
             ]
@@ -178,8 +187,12 @@ class PathProblem:
         return forward_model(self, x, u, data)
 
     def terminal(self, x: Array) -> Array:
-        """Miss of the goal in its tolerances."""
-        return jnp.sqrt(2.0 * _END) * (x - self.goal) / self.tolerance
+        """Miss of the goal beyond what costs nothing."""
+        off = (x - self.goal) / self.tolerance
+        distance = jnp.stack([safe_norm(off[:2]), jnp.abs(off[2])])
+        beyond = jnp.maximum(distance - _FREE, 0.0) / ((1.0 - _FREE) * jnp.maximum(distance, _FREE))
+        inside = _INSIDE * off
+        return jnp.sqrt(2.0 * _END) * jnp.concatenate([off * beyond[jnp.array([0, 0, 1])], inside])
 
 
 @pytree
@@ -242,7 +255,9 @@ def refine(
     time = jnp.minimum(arc[:-1] / config.reference.speed, 3.0)
     stages = PathStage(guess[:-1], turn_radius * jnp.sqrt(1.0 + _LATE * closeness), time)
     tolerance = jnp.stack([goal.position_tolerance, goal.position_tolerance, goal.heading_tolerance])
-    problem = PathProblem(stages, end, tolerance, step, cone, shapes, obstacles, config)
+    problem = PathProblem(
+        stages, end, tolerance, jnp.asarray(turn_radius, step.dtype), step, cone, shapes, obstacles, config
+    )
     weight = jnp.stack([jnp.ones_like(step), jnp.ones_like(step), jnp.asarray(turn_radius, step.dtype)])
 
     def split(a: Array, b: Array) -> Array:

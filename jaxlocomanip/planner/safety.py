@@ -19,7 +19,7 @@ import numpy as np
 from jax import Array
 
 from jaxlocomanip.lanes import where_needed
-from jaxlocomanip.numerics import pytree, safe_norm
+from jaxlocomanip.numerics import Floats, pytree, safe_norm
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
 from jaxlocomanip.planar.geometry import perpendicular, polygon_distance, rectangle, rotate, transform
@@ -96,7 +96,7 @@ def safety_filter(
       config: settings.
     """
     forces, rates = candidates(force, rate)
-    rates = jax.vmap(lambda r: keep_room(offset, r, shapes.team))(rates)
+    rates = jax.vmap(lambda r: keep_room(offset, r, shapes.team, config.safety.margin))(rates)
 
     situation = (estimate, offset, obstacles, body, proven, shapes, config)
 
@@ -172,14 +172,14 @@ SLIDING, HOLDING = 0.5, 0.3
 """s, over which it is learnt"""
 
 
-def keep_room(offset: Array, rate: Array, team: Team) -> Array:
+def keep_room(offset: Array, rate: Array, team: Team, margin: Floats) -> Array:
     """Offset rates [N_r] nearest to `rate` under which the room between robots closes no faster than it vanishes.
 
-    The barrier condition row @ rate <= ROOM_RATE (bound - row @ offset) of each pair in turn.
+    The barrier condition row @ rate <= ROOM_RATE (bound - margin - row @ offset) of each pair in turn; the margin in m.
     """
     for i in range(team.pair_bounds.shape[0]):
         row = team.pair_rows[i]
-        excess = row @ rate - ROOM_RATE * (team.pair_bounds[i] - row @ offset)
+        excess = row @ rate - ROOM_RATE * (team.pair_bounds[i] - margin - row @ offset)
         rate = rate - row * jnp.maximum(excess, 0.0) / jnp.maximum(row @ row, 1.0)
     return rate
 

@@ -179,13 +179,13 @@ def test_room_between_robots_never_runs_out(make_scenario):
     row, bound = team.pair_rows[0], team.pair_bounds[0]
     towards = jnp.sign(row) * team.slide_speed_max
     offset, keep = jnp.zeros(2), jax.jit(safety.keep_room)
-    assert (keep(offset, 0.0 * towards, team) == 0.0).all()
-    assert (keep(offset, -towards, team) == -towards).all()
+    assert (keep(offset, 0.0 * towards, team, 0.03) == 0.0).all()
+    assert (keep(offset, -towards, team, 0.03) == -towards).all()
     for _ in range(300):
-        offset = offset + TICK * keep(offset, towards, team)
-        assert row @ offset <= bound + 1e-6
+        offset = offset + TICK * keep(offset, towards, team, 0.03)
+        assert row @ offset <= bound - 0.03 + 1e-6
     assert row @ offset > bound - 0.05  # and they do use the room
-    assert (keep(offset, -towards, team) == -towards).all()
+    assert (keep(offset, -towards, team, 0.03) == -towards).all()
 
 
 def test_friction_is_proven_by_rest_under_a_push_and_by_sliding(make_scenario):
