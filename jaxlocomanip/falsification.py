@@ -48,8 +48,8 @@ class Search:
     """of them, the worst, are improved"""
     rounds: int = 4
     """gradients taken of each of these"""
-    steps: tuple[float, ...] = (0.05, 0.15, 0.4, 1.0)
-    """lengths (largest change of a coordinate; the box is 2 wide) that are tried along a gradient"""
+    steps: tuple[float, ...] = (0.02, 0.06, 0.2, 0.5)
+    """changes of every coordinate, down its gradient, that are tried; the box is 2 wide"""
     gradient_cost: float = 6.0
     """episodes that take as long as one gradient"""
 
@@ -172,12 +172,15 @@ def _random_places(study: Study, seed: int, count: int, bounds: Bounds) -> Itera
 
 
 def _step(place: Place, gradient: Floats, size: float, bounds: Bounds) -> Place:
-    """The scenario a step down the gradient, or as far on the way as it can be solved."""
-    largest = float(np.max(np.abs(gradient)))
-    if not 0.0 < largest < math.inf:
+    """The scenario a step down the gradient, or as far on the way as it can be solved.
+
+    Each coordinate moves by `size`, the steepest descent within a box: where pushing is unstable, some components are
+    larger than others by orders of magnitude, and along the gradient itself only those would move.
+    """
+    if not np.isfinite(gradient).all() or not gradient.any():
         return place
     for _ in range(HALVINGS + 1):
-        where = np.clip(place.coordinates - size / largest * gradient, -1.0, 1.0)
+        where = np.clip(place.coordinates - size * np.sign(gradient), -1.0, 1.0)
         new = place_at(place.lane, place.seed, where, bounds)
         if new is not None:
             return new
