@@ -76,8 +76,8 @@ class Constraints:
     """|ddot| <= limit, m/s"""
     team: Barrier = Barrier(0.5, 0.02, 0.06)
     """room between robots of neighbouring contacts, m"""
-    object_cbf: Barrier = Barrier(0.8, 0.1, 0.4)
-    robot_cbf: Barrier = Barrier(0.8, 0.1, 0.4)
+    object_cbf: Barrier = Barrier(0.4, 0.05, 0.2)
+    robot_cbf: Barrier = Barrier(0.4, 0.05, 0.2)
     clf: Barrier = Barrier(0.005, 0.5, 5.0)
     object_alpha: Number = 4.0
     """1/s^2, ECBF B'' + beta B' + alpha B >= 0"""

@@ -15,7 +15,7 @@ from jaxlocomanip.numerics import Floats, safe_norm
 from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planar.geometry import cross, rotate
 from jaxlocomanip.planner.moves import Moves, misfit, unpushable
-from jaxlocomanip.planner.pose_grid import CELL_MOVES, CELLS, FAR, HEADINGS, TURN, Grid
+from jaxlocomanip.planner.pose_grid import CELL_MOVES, CELLS, FAR, HEADINGS, TURN, TURNS, Grid
 from jaxlocomanip.planner.shapes import Shapes
 
 STEPS = 96
@@ -26,10 +26,10 @@ _TIE = 1e-3
 """m, cost of a cell off the straight line: of equal moves, in whatever order, mirror images choose mirror images"""
 _EARLY = 0.37
 """of it, cost of a bin off the goal's heading"""
-_MOVES = np.array([(t - 1, *move) for move in CELL_MOVES for t in range(3)] + [(-1, 0, 0), (1, 0, 0)])
+_MOVES = np.array([(t, *move) for move in CELL_MOVES for t in TURNS] + [(-1, 0, 0), (1, 0, 0)])
 """[n, 3] heading bins and cells of all moves, in the order of `Moves`"""
 _NEIGHBOURS = np.array(
-    [(h, i, j) for h in (-1, 0, 1) for i in range(-_REACH, _REACH + 1) for j in range(-_REACH, _REACH + 1)]
+    [(h, i, j) for h in TURNS for i in range(-_REACH, _REACH + 1) for j in range(-_REACH, _REACH + 1)]
 )
 
 
@@ -37,18 +37,20 @@ def descend(
     start: Array,
     grid: Grid,
     value: Array,
+    ending: Array,
     density: Array,
     moves: Moves,
     shapes: Shapes,
     body: Body,
     turn_radius: Floats,
 ) -> Array:
-    """[STEPS + 2, 3] goal-frame poses from the start to the goal, where they stay; the heading is continuous.
+    """[STEPS + 2, 3] goal-frame poses from the start to an end, where they stay; the heading is continuous.
 
     Args:
       start: [3] goal-frame pose.
       grid: the grid.
       value: [HEADINGS, CELLS, CELLS] cost to go.
+      ending: [HEADINGS, CELLS, CELLS] cost of ending at each pose.
       density: [HEADINGS, CELLS, CELLS] cost of a unit of length.
       moves: costs of moves.
       shapes: geometry and team.
@@ -67,7 +69,7 @@ def descend(
         price = jnp.concatenate([moves.by_heading[:, here[0]].reshape(-1), moves.on_the_spot])
         targets = node + jnp.asarray(_MOVES, node.dtype)
         cost = price * density[here[0], here[1], here[2]] + _at(value, targets) + _TIE * aside(targets)
-        arrived = (here[0] == 0) & jnp.all(node[1:] == grid.goal_cell)
+        arrived = ending[here[0], here[1], here[2]] <= value[here[0], here[1], here[2]]
         new = jnp.where(arrived, node, targets[jnp.argmin(cost)])
         return new, new
 

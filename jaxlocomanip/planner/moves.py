@@ -9,7 +9,7 @@ from jax import Array
 from jaxlocomanip.numerics import Floats, pytree
 from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planner.authority import pushability
-from jaxlocomanip.planner.pose_grid import ANGLES, HEADINGS, LENGTHS, TURN
+from jaxlocomanip.planner.pose_grid import DIRECTIONS, HEADINGS, LENGTHS, TURN, TURNS
 from jaxlocomanip.planner.shapes import Shapes
 
 _UNPUSHABLE = 200.0
@@ -27,7 +27,7 @@ class Moves:
     """Costs of moves where the density of cost is one."""
 
     by_heading: Array
-    """[HEADINGS directions in the goal's frame, HEADINGS, 3 turns]"""
+    """[DIRECTIONS in the goal's frame, HEADINGS, TURNS]"""
     on_the_spot: Array
     """[2] turns by -TURN, TURN"""
 
@@ -43,10 +43,9 @@ def price_moves(shapes: Shapes, body: Body, spacing: Array, turn_radius: Floats)
     """
     factors, spots = _factors(shapes, body, spacing)
     heading, each = np.arange(HEADINGS), []
-    for m in range(HEADINGS):
-        straight = LENGTHS[m] * spacing
-        bent = jnp.sqrt(straight**2 + (turn_radius * TURN) ** 2)
-        each.append(factors[(m - heading) % HEADINGS] * jnp.stack([bent, straight, bent]))
+    for m in range(DIRECTIONS):
+        length = jnp.sqrt((LENGTHS[m] * spacing) ** 2 + (turn_radius * TURN * TURNS) ** 2)
+        each.append(factors[(m * HEADINGS // DIRECTIONS - heading) % HEADINGS] * length)
     return Moves(jnp.stack(each), turn_radius * TURN * spots)
 
 
@@ -62,14 +61,14 @@ def unpushable(misfits: Array) -> Array:
 
 
 def _factors(shapes: Shapes, body: Body, spacing: Array) -> tuple[Array, Array]:
-    """Cost factors of moves [HEADINGS directions in the body frame, 3 turns] and of turns on the spot [2]."""
-    turn = jnp.array([-TURN, 0.0, TURN], spacing.dtype)
+    """Cost factors of moves [HEADINGS, directions in the body frame, TURNS] and of turns on the spot [2]."""
+    turn = jnp.asarray(TURN * TURNS, spacing.dtype)
     # A move that turns is made, on the whole, at the heading half-way.
-    angles = (jnp.asarray(ANGLES, spacing.dtype)[:, None] - 0.5 * turn).reshape(-1)
+    angles = (TURN * jnp.arange(HEADINGS, dtype=spacing.dtype)[:, None] - 0.5 * turn).reshape(-1)
     advance = 1.5 * spacing * jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=1)
     twists = jnp.concatenate([advance, jnp.tile(turn, HEADINGS)[:, None]], axis=1)
     spots = jnp.array([[0.0, 0.0, -TURN], [0.0, 0.0, TURN]], spacing.dtype)
     misfits = misfit(shapes, body, jnp.concatenate([twists, spots]))
-    table = misfits[:-2].reshape(HEADINGS, 3)
+    table = misfits[:-2].reshape(HEADINGS, len(TURNS))
     beside = 0.5 * (jnp.roll(table, 1, axis=0) + jnp.roll(table, -1, axis=0))
     return unpushable(table) + _EDGE * beside, _SPOT * unpushable(misfits[-2:])

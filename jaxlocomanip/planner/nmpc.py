@@ -144,7 +144,7 @@ def _search(state: PlannerState, task: Task, config: PlannerConfig) -> tuple[Pat
     planned = config.reference.plan_path > 0.5
     paced = path.pace(jnp.where(planned, found.poses, line), task.shapes, body, turn_radius, found.cost)
     paced = select(planned, path.with_pushes(paced, found.force, found.offset, found.room, task.shapes.team), paced)
-    renewed = reference.restart(state.progress, paced)
+    renewed = reference.restart(state.progress, paced, config.reference)
     return paced, select(planned, renewed, state.progress)
 
 

@@ -12,15 +12,20 @@ from jaxlocomanip.planar.geometry import quick_point_distance, rotate
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.shapes import Shapes
+from jaxlocomanip.scenario import Goal
 
-HEADINGS = 16
+HEADINGS, DIRECTIONS = 32, 16
 CELLS = 48
 FAR = 1e4
 """m, or cost, of what is out of reach"""
+MISS, FREE, NEAR = 60.0, 0.2, 0.6
+"""m of detour that a miss by the goal's whole tolerance is worth, share of the tolerance that costs nothing, and share
+within which a path may end"""
 BORDER = 1.6
 """m of room around start and goal"""
 
-ANGLES = 2.0 * np.pi * np.arange(HEADINGS) / HEADINGS
+ANGLES = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+"""of moves"""
 CELL_MOVES = [
     (int(np.rint(np.cos(a) * r)), int(np.rint(np.sin(a) * r)))
     for a, r in zip(ANGLES, [1.0, 2.2, 1.4, 2.2] * 4, strict=True)
@@ -29,6 +34,9 @@ CELL_MOVES = [
 LENGTHS = np.array([np.hypot(*move) for move in CELL_MOVES])
 """of the moves, in cells"""
 TURN = 2.0 * np.pi / HEADINGS
+"""rad, from one heading to the next"""
+TURNS = np.arange(-2, 3)
+"""by which a move may turn"""
 _REACH = 24
 """cells, largest distance of a disc from the object's body point"""
 
@@ -54,6 +62,21 @@ def lay_grid(local: Array) -> Grid:
     return Grid(-cell * spacing, spacing, cell.astype(jnp.int32))
 
 
+def ends(grid: Grid, goal: Goal) -> Array:
+    """[HEADINGS, CELLS, CELLS] m, cost of ending at each pose: that of its miss of the goal, and `FAR` off it."""
+    cells = jnp.arange(CELLS)
+    x, y = (grid.spacing * (cells - grid.goal_cell[i]) / goal.position_tolerance for i in range(2))
+    turns = TURN * jnp.minimum(jnp.arange(HEADINGS), HEADINGS - jnp.arange(HEADINGS))
+    aside, turned = jnp.sqrt(x[:, None] ** 2 + y[None, :] ** 2), turns[:, None, None] / goal.heading_tolerance
+    near = jnp.maximum(aside, turned) < NEAR
+    return jnp.where(near, price_of_miss(aside) + price_of_miss(turned), FAR)
+
+
+def price_of_miss(miss: Array) -> Array:
+    """m of detour that a miss by a share of the goal's tolerance is worth."""
+    return MISS * (jnp.maximum(miss - FREE, 0.0) / (1.0 - FREE)) ** 2
+
+
 def clearance(
     grid: Grid, local: Array, goal: Array, shapes: Shapes, obstacles: ObstacleEstimate, config: PlannerConfig
 ) -> Array:
@@ -72,7 +95,7 @@ def clearance(
         return jnp.min(jnp.where(shapes.obstacle_mask, each - berth, FAR))
 
     field = jax.vmap(jax.vmap(distance))(world, arrival)
-    headings = jnp.asarray(ANGLES, local.dtype)
+    headings = TURN * jnp.arange(HEADINGS, dtype=local.dtype)
 
     def at(heading: Array, center: Array, radius: Array, used: Array) -> Array:
         shift = rotate(heading, center) / grid.spacing

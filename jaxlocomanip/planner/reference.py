@@ -25,6 +25,8 @@ class Progress:
     """[] m, arc length of the reference"""
     resting: Array
     """[] bool, arrived: the team rests until the object leaves the tolerance"""
+    stalled: Array
+    """[] int, searches in a row between which the team hardly got on"""
 
 
 @pytree
@@ -43,13 +45,19 @@ class Targets:
 
 def start() -> Progress:
     """Progress at the beginning of a path."""
-    return Progress(jnp.zeros(()), jnp.zeros(()), jnp.zeros((), bool))
+    return Progress(jnp.zeros(()), jnp.zeros(()), jnp.zeros((), bool), jnp.zeros((), jnp.int32))
 
 
-def restart(progress: Progress, path: Path) -> Progress:
+def stalls(progress: Progress, settings: Reference) -> Array:
+    """[] int, searches in a row, up to now, between which the team hardly got on."""
+    slow = ~progress.resting & (progress.projected < STALLED * settings.speed * settings.replan)
+    return jnp.where(slow, progress.stalled + 1, 0)
+
+
+def restart(progress: Progress, path: Path, settings: Reference) -> Progress:
     """Progress on a new path that begins at the object; the lead is kept."""
     lead = jnp.clip(progress.reference - progress.projected, 0.0, path.length)
-    return Progress(jnp.zeros_like(lead), lead, progress.resting)
+    return Progress(jnp.zeros_like(lead), lead, progress.resting, stalls(progress, settings) % PATIENCE)
 
 
 def advance(
@@ -88,7 +96,7 @@ def advance(
     # Where the object has come to stand within the tolerances it had better stay: the next approach may end worse.
     stands = (jnp.max(jnp.abs(twist[:2])) < STILL[0]) & (jnp.abs(twist[2]) < STILL[1])
     limit = jnp.where(progress.resting | stands, settings.leave, settings.arrive)
-    return Progress(projected, reference, misfit < limit)
+    return Progress(projected, reference, misfit < limit, progress.stalled)
 
 
 def speed(progress: Progress, path: Path, settings: Reference) -> Array:
@@ -114,10 +122,15 @@ def targets(progress: Progress, path: Path, times: Array, settings: Reference) -
     follow = jnp.minimum(progress.projected + pace * times, arc)
     force, offset = path.feed_forward(follow)
     moving = jnp.maximum(rate, jnp.where(follow < path.length - STOPPED, pace, 0.0))
-    moving = moving / (moving + 0.1 * pace)
+    moving = jnp.minimum(moving / (FADE * pace), 1.0)
     return Targets(path.at(arc), slope * rate[:, None], force * moving[:, None], offset)
 
 
+STALLED, PATIENCE = 0.1, 3
+"""share of the usual way between two searches below which the team stalls, and searches after which it is stuck: it
+may have to walk to other contact offsets first, and to find out how much push it takes"""
+FADE = 0.3
+"""share of the usual speed below which the steady pushes fade"""
 STILL = 0.02, 0.05
 """m/s and rad/s, below which an object stands"""
 STOPPED = 0.03

@@ -25,6 +25,7 @@ from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.path import UNPLANNED, resample
 from jaxlocomanip.planner.penalty import relaxed_barrier
+from jaxlocomanip.planner.pose_grid import FREE, MISS
 from jaxlocomanip.planner.shapes import ROBOT_DISCS, Shapes
 from jaxlocomanip.scenario import Goal
 from jaxlocomanip.solver import sqp
@@ -35,8 +36,6 @@ STEPS = 48
 _ITERATIONS = 10
 _EFFORT = 0.1
 """weight of squared pushes beside that of squared steps: the robots share, and keep off the ends of their ranges"""
-_END, _FREE = 20.0, 0.3
-"""m of detour that a miss by the goal's whole tolerance is worth, and the share of the tolerance that costs nothing"""
 _INSIDE = 0.1
 """share of the same weight that a miss within it has"""
 _EVENLY = 20.0
@@ -51,14 +50,16 @@ _LATE = 5.0
 """times dearer, less one, are turns just before the goal"""
 _RUN_UP = 1.0
 """m before the goal over which turns get dearer"""
+_STANDS = 0.1
+"""of a step's length, sliding motion below which the object hardly slides"""
 _EVEN = 0.05
 """of a step's length, push under which a robot stands at the middle of its range"""
 _SPREAD = 1e-2
 """ridge with which the first guess splits a step among the robots"""
-_DEFECT = 5.0
+_DEFECT = 50.0
 """cost of steps that do not join, per m and rad"""
 _SWITCH, _REACH = 0.02, 0.2
-"""of the barriers of pushes, in steps"""
+"""of the barriers of pushes, in multiples of what the motion takes"""
 _SWITCH_NEAR = 0.05
 """m, of the barriers of obstacles, whose reach is the clearance that paths keep"""
 
@@ -123,11 +124,10 @@ class PathProblem:
                 jnp.sqrt(_GUESS * self.step) * (x - data.guess),
             ]
         )
-        sliding = jnp.sqrt(jnp.sum((self.cone.norm @ u) ** 2) + 1e-6 * self.step**2)
-        pushes = jnp.sum(u.reshape(2, -1), axis=0)
-        spare = self.cone.capacity * sliding - pushes
-        room = self.room(x, u, data.time)
-        return Stage(following, residual, jnp.concatenate([u / self.step, spare / self.step, room]))
+        # Relative to the sliding motion, of which a turn on the spot has little: a little pull is a pull.
+        pushes = u / jnp.sqrt(jnp.sum((self.cone.norm @ u) ** 2) + (_STANDS * self.step) ** 2)
+        spare = self.cone.capacity - jnp.sum(pushes.reshape(2, -1), axis=0)
+        return Stage(following, residual, jnp.concatenate([pushes, spare, self.room(x, u, data.time)]))
 
     def room(self, x: Array, u: Array, time: Array) -> Array:
         """[n] m, distances of all discs to their nearest obstacles, beyond radius and margin."""
@@ -190,9 +190,9 @@ class PathProblem:
         """Miss of the goal beyond what costs nothing."""
         off = (x - self.goal) / self.tolerance
         distance = jnp.stack([safe_norm(off[:2]), jnp.abs(off[2])])
-        beyond = jnp.maximum(distance - _FREE, 0.0) / ((1.0 - _FREE) * jnp.maximum(distance, _FREE))
+        beyond = jnp.maximum(distance - FREE, 0.0) / ((1.0 - FREE) * jnp.maximum(distance, FREE))
         inside = _INSIDE * off
-        return jnp.sqrt(2.0 * _END) * jnp.concatenate([off * beyond[jnp.array([0, 0, 1])], inside])
+        return jnp.sqrt(2.0 * MISS) * jnp.concatenate([off * beyond[jnp.array([0, 0, 1])], inside])
 
 
 @pytree

@@ -16,6 +16,7 @@ from jax import Array
 from jaxlocomanip.lanes import where_needed
 from jaxlocomanip.numerics import select, wrap_angle
 from jaxlocomanip.planar.dynamics import Body
+from jaxlocomanip.planner import reference
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.path import UNPLANNED, Path
@@ -27,8 +28,6 @@ from jaxlocomanip.scenario import Goal
 
 _WORSE, _MORE = 1.1, 0.3
 """a new path is searched if the old one costs more than so many times what it was expected to, and so many metres"""
-_STALLED = 0.1
-"""a team that covers less than this share of the usual way between two searches is stuck"""
 _SHARE, _LESS = 0.8, 0.3
 """a new path is taken if it costs less than this share of the old one's cost, less so many metres"""
 
@@ -62,8 +61,7 @@ def plan(
     rest = path.at(progress.projected + ahead).at[0].set(pose)
 
     def search(given: tuple[Any, ...]) -> Array:
-        pose, goal, *others = given
-        return search_poses(pose, goal.pose, *others)
+        return search_poses(*given)
 
     def consider(carry: tuple[Refined, Array], anew: Array) -> tuple[tuple[Refined, Array], None]:
         best, needed = carry
@@ -73,8 +71,8 @@ def plan(
         return (best, _wants_rival(best, path, progress, goal, shapes, config)), None
 
     # A path on which nothing moves is none, whatever it seems to cost: then the search decides alone.
-    stalled = ~progress.resting & (progress.projected < _STALLED * config.reference.speed * config.reference.replan)
-    first = (unrefined(rest, shapes), (path.cost < UNPLANNED) & ~stalled)
+    stuck = reference.stalls(progress, config.reference) >= reference.PATIENCE
+    first = (unrefined(rest, shapes), (path.cost < UNPLANNED) & ~stuck)
     # One after the other in a loop, so that the refinement is compiled once.
     (best, _), _ = jax.lax.scan(consider, first, jnp.array([False, True]))
     return best

@@ -22,9 +22,10 @@ from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.descent import STEPS, descend
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.moves import price_moves
-from jaxlocomanip.planner.pose_grid import clearance, lay_grid
+from jaxlocomanip.planner.pose_grid import clearance, ends, lay_grid
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.sweeping import cost_to_go
+from jaxlocomanip.scenario import Goal
 
 ROUGH = STEPS + 2
 """poses of a searched path"""
@@ -35,11 +36,12 @@ _THICKNESS = 0.03
 
 
 def search_poses(
-    start: Array, goal: Array, shapes: Shapes, obstacles: ObstacleEstimate, body: Body, config: PlannerConfig
+    start: Array, target: Goal, shapes: Shapes, obstacles: ObstacleEstimate, body: Body, config: PlannerConfig
 ) -> Array:
-    """[ROUGH, 3] poses along the cheapest path on the grid from the pose `start` [3] to `goal` [3], where they stay."""
-    given = jax.lax.stop_gradient((start, goal, shapes, obstacles, body, config))
-    start, goal, shapes, obstacles, body, config = given
+    """[ROUGH, 3] poses along the cheapest path on the grid from the pose `start` [3] to a goal, where they stay."""
+    given = jax.lax.stop_gradient((start, target, shapes, obstacles, body, config))
+    start, target, shapes, obstacles, body, config = given
+    goal = target.pose
     turn_radius = config.reference.speed / config.reference.turn_rate
     local = jnp.concatenate([rotate(-goal[2], start[:2] - goal[:2]), wrap_angle(start[2:] - goal[2:])])
     grid = lay_grid(local)
@@ -48,7 +50,8 @@ def search_poses(
     overlap = jnp.maximum(2.0 * config.constraints.margin - near, 0.0)
     density = density + _BLOCKED * (overlap + overlap**2 / _THICKNESS)
     moves = price_moves(shapes, body, grid.spacing, turn_radius)
-    value = cost_to_go(grid, density, moves)
-    poses = descend(local, grid, value, density, moves, shapes, body, turn_radius)
+    ending = ends(grid, target) + grid.spacing * (density - 1.0)
+    value = cost_to_go(ending, density, moves)
+    poses = descend(local, grid, value, ending, density, moves, shapes, body, turn_radius)
     heading = start[2] + poses[:, 2:] - local[2]
     return jnp.concatenate([goal[:2] + rotate(goal[2], poses[:, :2]), heading], axis=1)
