@@ -50,6 +50,8 @@ class Search:
     """gradients taken of each of these"""
     steps: tuple[float, ...] = (0.02, 0.06, 0.2, 0.5)
     """changes of every coordinate, down its gradient, that are tried; the box is 2 wide"""
+    memory: float = 0.2
+    """s, time constant with which gradients fade back in time (`gradients.soft_outcome`)"""
     gradient_cost: float = 6.0
     """episodes that take as long as one gradient"""
 
@@ -102,7 +104,7 @@ def falsify(
     plan, box = search or Search(), bounds or Bounds()
     if plan.screened < plan.lanes or plan.lanes < 1:
         raise InputError(f"search.lanes = {plan.lanes}: must be >= 1 and <= search.screened = {plan.screened}")
-    trial = Trials(study, config, box, plan.lanes * len(plan.steps))
+    trial = Trials(study, config, box, plan.lanes * len(plan.steps), plan.memory)
     begun = trial.run(list(_random_places(study, seed, plan.screened, box)))
     begun.sort(key=lambda pair: pair[1].clearance)
     best = begun[: plan.lanes]
@@ -143,7 +145,7 @@ def sample_worst(
       bounds: how far scenarios may be varied.
     """
     box = bounds or Bounds()
-    pairs = Trials(study, config, box, lanes).run(list(_random_places(study, seed, episodes, box)))
+    pairs = Trials(study, config, box, lanes, math.inf).run(list(_random_places(study, seed, episodes, box)))
     found = sorted((found for _, found in pairs), key=lambda one: one.clearance)
     return _falsified(found[:keep], episodes)
 

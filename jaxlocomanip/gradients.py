@@ -13,11 +13,17 @@ lengths and second starts, nearest features and the safety filter's candidate. G
 therefore lack what they change through the path.
 
 The world's friction is smoothed as the planner's is, because exact sticking passes no gradient on.
+
+Pushing is unstable, and a planner that is not settled after one iteration may be more so: over some seconds the
+derivative of a closed loop can grow beyond all numbers. With a finite `memory` it fades on its way back in time, as in
+truncated backpropagation: what a number did more than a few times that long ago no longer counts. It is then not the
+derivative of the outcome, but a direction that is finite.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +31,7 @@ from jax import Array
 
 from jaxlocomanip import loop as closing
 from jaxlocomanip.loop import Loop
-from jaxlocomanip.numerics import pytree, safe_norm, select, wrap_angle
+from jaxlocomanip.numerics import Floats, pytree, safe_norm, select, wrap_angle
 from jaxlocomanip.outcome import gaps
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.scenario import Scenario
@@ -86,6 +92,7 @@ def soft_outcome(
     ticks: int,
     world: PlanarWorld = WORLD,
     key: Array | None = None,
+    memory: Floats = math.inf,
 ) -> SoftOutcome:
     """Run one scenario in closed loop with the planar world; a pure function, to be differentiated, compiled, batched.
 
@@ -95,6 +102,7 @@ def soft_outcome(
       ticks: planner ticks (static).
       world: the planar world and its smoothing.
       key: of measurement noise; seed 0 by default.
+      memory: s, time constant with which derivatives fade back in time; by default they do not.
 
     Returns:
       The soft outcome.
@@ -107,9 +115,10 @@ def soft_outcome(
     sums = _Sums(zero, zero, zero, zero - FAR / SHARPNESS, zero)
     start = _Carry(closing.begin(scenario, config, noise, view), state, view, sums)
     length = min(closing.ticks_per_search(config), ticks)
+    kept = jnp.exp(-config.horizon.tick / jnp.asarray(memory, zero.dtype))
 
     def tick(carry: _Carry, _: None) -> tuple[_Carry, None]:
-        return _tick(carry, scenario, config, world, noise, ticks), None
+        return _tick(_faded(carry, kept), scenario, config, world, noise, ticks), None
 
     def block(carry: _Carry, _: None) -> tuple[_Carry, None]:
         loop = closing.replan(carry.loop, scenario, config)
@@ -135,6 +144,29 @@ def _tick(
     counts = loop.tick < ticks
     moved = _Carry(_held(settled), *select(moves, (new, after, sums), (carry.world, view, carry.sums)))
     return select(counts, moved, carry)
+
+
+@jax.custom_jvp
+def _fade(value: Array, kept: Array) -> Array:
+    """The value, of whose derivative a share is kept."""
+    del kept
+    return value
+
+
+@_fade.defjvp
+def _fade_jvp(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Array, Array]:
+    (value, kept), (change, _) = primals, tangents
+    return value, kept * change
+
+
+def _faded(carry: _Carry, kept: Array) -> _Carry:
+    """The state of the loop and of the world with derivatives that fade; the sums keep theirs."""
+
+    def fade(leaf: Array) -> Array:
+        return _fade(leaf, kept) if jnp.issubdtype(leaf.dtype, jnp.floating) else leaf
+
+    loop, world, view = jax.tree.map(fade, (carry.loop, carry.world, carry.view))
+    return _Carry(loop, world, view, carry.sums)
 
 
 def _held(loop: Loop) -> Loop:

@@ -66,8 +66,10 @@ def picked(scenarios: Scenario, lanes: NDArray[np.integer[Any]]) -> Scenario:
 class Losses:
     """Losses of settings over scenarios, and their gradients, in batches of one shape each."""
 
-    def __init__(self, base: PlannerConfig, knobs: Knobs, aim: Objective, ticks: int, batch: int) -> None:
-        self._given = (base, jax.tree.map(jnp.asarray, aim))
+    def __init__(
+        self, base: PlannerConfig, knobs: Knobs, aim: Objective, ticks: int, batch: int, memory: float
+    ) -> None:
+        self._given = (base, jax.tree.map(jnp.asarray, aim), jnp.asarray(memory))
         self._static = {"knobs": knobs, "ticks": ticks}
         self._batch = batch
         self.count = len(knobs.names)
@@ -103,20 +105,22 @@ class Losses:
         return float(np.nan_to_num(np.asarray(values, float), nan=WORST).mean()), rows.mean(axis=0)
 
 
-def _loss_of(center: Array, scenario: Scenario, base: PlannerConfig, aim: Objective, knobs: Knobs, ticks: int) -> Array:
-    return loss(soft_outcome(scenario, turned(base, knobs, center), ticks), scenario, aim)
+def _loss_of(
+    center: Array, scenario: Scenario, base: PlannerConfig, aim: Objective, memory: Array, knobs: Knobs, ticks: int
+) -> Array:
+    return loss(soft_outcome(scenario, turned(base, knobs, center), ticks, memory=memory), scenario, aim)
 
 
 @partial(jax.jit, static_argnames=("knobs", "ticks"))
 def _values(
-    center: Array, scenarios: Scenario, base: PlannerConfig, aim: Objective, *, knobs: Knobs, ticks: int
+    center: Array, scenarios: Scenario, base: PlannerConfig, aim: Objective, memory: Array, *, knobs: Knobs, ticks: int
 ) -> Array:
-    return jax.vmap(lambda s: _loss_of(center, s, base, aim, knobs, ticks))(scenarios)
+    return jax.vmap(lambda s: _loss_of(center, s, base, aim, memory, knobs, ticks))(scenarios)
 
 
 @partial(jax.jit, static_argnames=("knobs", "ticks"))
 def _slopes(
-    center: Array, scenarios: Scenario, base: PlannerConfig, aim: Objective, *, knobs: Knobs, ticks: int
+    center: Array, scenarios: Scenario, base: PlannerConfig, aim: Objective, memory: Array, *, knobs: Knobs, ticks: int
 ) -> tuple[Array, Array]:
     one = jax.value_and_grad(_loss_of)
-    return jax.vmap(lambda s: one(center, s, base, aim, knobs, ticks))(scenarios)
+    return jax.vmap(lambda s: one(center, s, base, aim, memory, knobs, ticks))(scenarios)

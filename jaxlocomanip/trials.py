@@ -66,12 +66,13 @@ def place_at(lane: Lane, seed: int, coordinates: Floats, bounds: Bounds) -> Plac
 class Trials:
     """Runs scenarios of a study, and takes gradients of them, in batches of one shape each."""
 
-    def __init__(self, study: Study, config: PlannerConfig, bounds: Bounds, lanes: int) -> None:
+    def __init__(self, study: Study, config: PlannerConfig, bounds: Bounds, lanes: int, memory: float) -> None:
         self._config = jax.tree.map(jnp.asarray, config)
         self._bounds = jax.tree.map(jnp.asarray, bounds)
         self._padding = padding(study)
         self._ticks = math.ceil(longest(study) / config.horizon.tick - 1e-6)
         self._lanes = lanes
+        self._memory = jnp.asarray(memory)
 
     def run(self, places: Sequence[Place]) -> list[tuple[Place, Found]]:
         """Each with its outcome."""
@@ -93,7 +94,8 @@ class Trials:
         coordinates = np.zeros((len(places), dimension(jax.tree.map(lambda leaf: leaf[0], scenarios))))
         for row, place in zip(coordinates, places, strict=True):
             row[: len(place.coordinates)] = place.coordinates
-        given = (jnp.asarray(coordinates, scenarios.start.dtype), scenarios, self._config, _seeds(places), self._bounds)
+        where = jnp.asarray(coordinates, scenarios.start.dtype)
+        given = (where, scenarios, self._config, _seeds(places), self._bounds, self._memory)
         slopes = np.asarray(_slopes(*given, ticks=self._ticks), float)
         finite = np.isfinite(slopes).all(axis=1, keepdims=True)
         rows = np.where(finite, slopes, 0.0)
@@ -116,13 +118,20 @@ def _outcomes(scenarios: Scenario, config: PlannerConfig, seeds: Array, world: P
 
 @partial(jax.jit, static_argnames="ticks")
 def _slopes(
-    coordinates: Array, scenarios: Scenario, config: PlannerConfig, seeds: Array, bounds: Bounds, *, ticks: int
+    coordinates: Array,
+    scenarios: Scenario,
+    config: PlannerConfig,
+    seeds: Array,
+    bounds: Bounds,
+    memory: Array,
+    *,
+    ticks: int,
 ) -> Array:
     """[B, d] gradients of the soft clearance."""
 
     def clearance(where: Array, scenario: Scenario, seed: Array) -> Array:
         made = vary(scenario, where, bounds)
-        return soft_outcome(made, config, ticks, key=jax.random.key(seed)).clearance_m
+        return soft_outcome(made, config, ticks, key=jax.random.key(seed), memory=memory).clearance_m
 
     return jax.vmap(jax.grad(clearance))(coordinates, scenarios, seeds)
 

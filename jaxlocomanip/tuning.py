@@ -69,6 +69,8 @@ class Settings:
     """the best of them, which the distribution moves to"""
     spread: float = 0.3
     """standard deviation of the logarithms at the start"""
+    memory: float = 0.2
+    """s, time constant with which gradients fade back in time (`gradients.soft_outcome`)"""
     gradient_cost: float = 6.0
     """episodes that take as long as one gradient, to count the budget by"""
     seed: int = 0
@@ -141,7 +143,7 @@ def tune(
     train, held_out = jax.tree.map(np.asarray, (train, held_out))  # batches are picked on the host
     knobs = knobs_of(config, plan.names)
     base = jax.tree.map(jnp.asarray, config)
-    measure = Losses(base, knobs, aim, ticks, plan.batch)
+    measure = Losses(base, knobs, aim, ticks, plan.batch, plan.memory)
     method = (_Gradient if plan.method == "gradient" else _CrossEntropy)(plan, measure)
     about = {
         "settings": dataclasses.asdict(plan),

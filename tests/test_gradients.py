@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxlocomanip.build import build
-from jaxlocomanip.gradients import SHARPNESS, soft_outcome
+from jaxlocomanip.gradients import SHARPNESS, _fade, soft_outcome
 from jaxlocomanip.library import find
 from jaxlocomanip.planner.config import Horizon, PlannerConfig, Reference
 from jaxlocomanip.sampling.sampler import sample
@@ -150,6 +150,32 @@ def test_soft_outcomes_are_near_the_hard_ones(make_scenario):
     effort = 0.02 * np.sum(hard.log.view.force[1:] ** 2)
     assert effort == pytest.approx(float(soft.effort_n2s), rel=0.05)
     assert soft.time_s == pytest.approx(2.0, abs=0.05)
+
+
+def test_derivatives_fade_and_values_do_not():
+    def grown(x, kept):
+        return jax.lax.scan(lambda y, _: (3.0 * _fade(y, kept), None), x, None, length=4)[0]
+
+    for kept in (1.0, 0.5):
+        value, slope = jax.value_and_grad(grown)(jnp.ones(()), jnp.asarray(kept))
+        assert value == 81.0 and slope == pytest.approx((3.0 * kept) ** 4)
+
+
+@pytest.mark.slow
+def test_a_short_memory_bounds_the_gradient(make_scenario):
+    """The outcome is the same; what an early state does to a late one is left out of its derivative."""
+    config, scenario = strong(PlannerConfig(horizon=Horizon(steps=5))), strong(make_scenario(obstacles=NEAR))
+
+    @jax.jit
+    def slope(memory):
+        def error(start):
+            return soft_outcome(dataclasses.replace(scenario, start=start), config, 60, memory=memory).goal_error_m2
+
+        return jax.value_and_grad(error)(scenario.start)
+
+    (value, whole), (same, little) = slope(jnp.inf), slope(0.02)
+    assert value == same
+    assert 0.0 < jnp.linalg.norm(little) < 1e-6 * jnp.linalg.norm(whole)
 
 
 def test_the_library_scenario_can_be_differentiated_by_any_of_its_parts():

@@ -184,7 +184,7 @@ def test_gradients_of_settings_in_earnest(make_scenario):
     config = PlannerConfig(horizon=Horizon(steps=5))
     scenarios = stack([make_scenario(index, obstacles=box, duration=1.0) for index in range(2)])
     knobs = tuning.knobs_of(config, NAMES)
-    losses = Losses(jax.tree.map(jnp.asarray, config), knobs, Objective(), 50, 2)
+    losses = Losses(jax.tree.map(jnp.asarray, config), knobs, Objective(), 50, 2, math.inf)
     value, slope = losses.slopes(np.zeros(2), scenarios)
     assert value == pytest.approx(losses.mean(scenarios), rel=1e-4)
     assert 0.0 < np.linalg.norm(slope) <= CLIP + 1e-6 and value < WORST
