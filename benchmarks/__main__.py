@@ -18,7 +18,7 @@ from typing import Any
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.files import prepare_directory, write_whole
 
-SECTIONS = ("latency", "episode", "batch", "physics", "quadruped", "gradients")
+SECTIONS = ("push2", "latency", "episode", "batch", "physics", "quadruped", "gradients")
 """What can be measured, in the order in which it is."""
 
 
@@ -51,10 +51,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def measure(sections: Sequence[str], quick: bool) -> dict[str, Any]:
     """All results of the sections, as plain Python values."""
-    from benchmarks import batch, environment, episode, gradients, latency
+    from benchmarks import batch, environment, episode, gradients, latency, reference_problem
 
     lanes = (1, 8, 32) if quick else (1, 8, 32, 64)
     run = {
+        "push2": lambda: reference_problem.measure(repeats=2 if quick else 5, calls=200 if quick else 500),
         "latency": lambda: latency.measure(calls=200 if quick else 500),
         "episode": lambda: episode.measure(episode.PLANAR),
         "quadruped": lambda: episode.measure(episode.QUADRUPED),

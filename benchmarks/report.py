@@ -55,6 +55,8 @@ def update(page: Path, measured: Mapping[str, Any]) -> None:
 
 
 def _rows(measured: Mapping[str, Any]) -> Iterator[Row]:
+    if "push2" in measured:
+        yield from _push2_rows(measured["push2"])
     latency = measured.get("latency", {"horizons": [], "common_ms": {}})
     for record in latency["horizons"]:
         stages = record["stages"]
@@ -80,6 +82,21 @@ def _rows(measured: Mapping[str, Any]) -> Iterator[Row]:
         yield Row(f"plan's derivative: {name}", f"{_spread(times)}, {times['temporary_kb']} kB", "whole" in name)
     if "physics" in measured:
         yield from _physics_rows(measured["physics"])
+
+
+def _push2_rows(push2: Mapping[str, Any]) -> Iterator[Row]:
+    compile_s, cold = push2["compile_s"], push2["cold"]
+    yield Row("`push2`: one warm iteration", _spread(push2["latency"]), True)
+    yield Row(f"`push2`: cold solve, {cold['iterations']} iterations", _spread(cold), True)
+    for record in push2["batch"]:
+        lanes = f"{record['lanes']} lane" + ("s" if record["lanes"] > 1 else "")
+        figure = f"{record['iterations_per_s']:.0f} iterations per wall s ({record['best']:.0f} best)"
+        memory = (
+            f"{record['temporary_mb_a_device']:.1f} MB of intermediate results on each of {push2['devices']} devices"
+        )
+        yield Row(f"`push2`, {lanes}: throughput", f"{figure}, {memory}", record["lanes"] == 256)
+    yield Row("`push2`: compile, cold", f"{compile_s['cold']:.1f} s", False)
+    yield Row("`push2`: compile, compiled before", f"{compile_s['cached']:.1f} s", False)
 
 
 def _physics_rows(physics: Mapping[str, Any]) -> Iterator[Row]:

@@ -8,7 +8,7 @@ entry is one long loop over contiguous numbers. Functions here and in `riccati` 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.custom_batching import custom_vmap
+from jax.experimental.layout import Layout, with_layout_constraint
 from jax.experimental.xla_metadata import set_xla_metadata
 
 P = ParamSpec("P")
@@ -67,29 +68,35 @@ def lanes_last(function: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
+def stages_inside(values: Array) -> Array:
+    """[n, N, ...] from [N, n, ...], moved in memory, where the compiler would have all readers stride over it."""
+    swapped = jnp.swapaxes(values, 0, 1)
+    return with_layout_constraint(swapped, Layout(tuple(range(swapped.ndim))))
+
+
 def times(a: Array, b: Array) -> Array:
     """A B [m, n, ...] of A [m, k, ...] and B [k, n, ...]."""
-    return _sum(a[:, k, None] * b[k] for k in range(b.shape[0]))
+    return added([a[:, k, None] * b[k] for k in range(b.shape[0])])
 
 
 def transposed_times(a: Array, b: Array) -> Array:
     """A' B [m, n, ...] of A [k, m, ...] and B [k, n, ...]."""
-    return _sum(a[k, :, None] * b[k] for k in range(b.shape[0]))
+    return added([a[k, :, None] * b[k] for k in range(b.shape[0])])
 
 
 def applied(a: Array, b: Array) -> Array:
     """A b [m, ...] of A [m, k, ...] and b [k, ...]."""
-    return _sum(a[:, k] * b[k] for k in range(b.shape[0]))
+    return added([a[:, k] * b[k] for k in range(b.shape[0])])
 
 
 def transposed_applied(a: Array, b: Array) -> Array:
     """A' b [m, ...] of A [k, m, ...] and b [k, ...]."""
-    return _sum(a[k] * b[k] for k in range(b.shape[0]))
+    return added([a[k] * b[k] for k in range(b.shape[0])])
 
 
-def _sum(terms: Iterator[Array]) -> Array:
-    # Written out: a reduction over the first axis would not run along the last.
-    total = next(terms)
-    for term in terms:
+def added(terms: Sequence[Array]) -> Array:
+    """Sum of arrays, one after the other: a reduction over a first axis would not run along the last."""
+    total = terms[0]
+    for term in terms[1:]:
         total = total + term
     return total

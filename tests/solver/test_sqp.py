@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import Array
-from push2 import barrier, push2
 
+from benchmarks.push2 import barrier, push2
 from jaxlocomanip.numerics import pytree
 from jaxlocomanip.solver import riccati, sqp
 from jaxlocomanip.solver.ocp import Penalty, Plan, Stage, forward_model
