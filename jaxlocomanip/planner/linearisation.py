@@ -3,7 +3,8 @@
 Most inequalities are bounds on single variables and the tracking cost is diagonal, the step depends on few inputs,
 and a barrier condition depends on the centre, velocity and acceleration of one disc. Differentiating those small
 pieces and composing them costs a fraction of forward differentiation of the whole stage, and gives the same numbers
-(tests hold them together). Variables are z = [p, theta, v, omega, d, f, ddot]; arrays have stages last.
+(tests hold them together). Variables are z = [p, theta, v, omega, d, f, ddot]; arrays have stages last. What several
+pieces read is computed apart from them (`solver.layout`).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from jaxlocomanip.planner import barriers, constraints
 from jaxlocomanip.planner.barriers import Approach, DiscMotion, Discs
 from jaxlocomanip.planner.constraints import Motion
 from jaxlocomanip.planner.penalty import relaxed_barrier
+from jaxlocomanip.solver.layout import added, apart
 from jaxlocomanip.solver.ocp import Penalty, StageModel
 
 if TYPE_CHECKING:
@@ -54,28 +56,27 @@ def model(problem: PushProblem, x: Array, u: Array, data: StageData) -> StageMod
     rows, h = _coupled(problem, motion, step, data)
     rest = jax.tree.map(lambda v: trailing(v[6 * n :], h), problem.barriers)
     penalty = relaxed_barrier(h, dt * rest.weight, rest.switch, rest.reach)
-    hessian, gradient = _composed(rows, penalty, diagonal, gradient)
+    scaled, gradient = _weighed(rows, penalty, gradient)
     cost = cost + jnp.sum(penalty.value, axis=0)
-    found = StageModel(hessian, gradient, step.jacobian, step.following, cost)
+    found = StageModel(_hessian(rows, scaled, diagonal), gradient, step.jacobian, step.following, cost)
     return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), found)
 
 
-def _composed(rows: Array, penalty: Penalty, diagonal: Array, gradient: Array) -> tuple[Array, Array]:
-    """Hessian [nz, nz, N] and gradient [nz, N], those of the separable terms [nz, N] included."""
-
-    def column(given: tuple[Array, Array, Array, Array]) -> tuple[Array, Array]:
-        # Sums written out: a reduction over the first axis would not run along the stages.
-        own, basis, diagonal, gradient = given
-        total = basis[:, None] * diagonal
-        for row, factor, slope, curvature in zip(rows, own, penalty.slope, penalty.curvature, strict=True):
-            total = total + (curvature * factor) * row
-            gradient = gradient + slope * factor
-        return total, gradient
-
-    basis = jnp.eye(diagonal.shape[0], dtype=diagonal.dtype)
-    return jax.lax.map(column, (jnp.swapaxes(rows, 0, 1), basis, diagonal, gradient))
+@apart
+def _weighed(rows: Array, penalty: Penalty, gradient: Array) -> tuple[Array, Array]:
+    """Rows [m, nz, N] times their curvatures, and the gradient [nz, N] with theirs added."""
+    slopes = [slope * row for row, slope in zip(rows, penalty.slope, strict=True)]
+    return penalty.curvature[:, None] * rows, gradient + added(slopes)
 
 
+@apart
+def _hessian(rows: Array, scaled: Array, diagonal: Array) -> Array:
+    """Hessian [nz, nz, N] of the coupled terms, and the diagonal [nz, N] of the separable ones."""
+    products = [factor[:, None] * row for row, factor in zip(rows, scaled, strict=True)]
+    return jnp.eye(diagonal.shape[0], dtype=diagonal.dtype)[..., None] * diagonal + added(products)
+
+
+@apart
 def linear_step(problem: PushProblem, x: Array, u: Array) -> Step:
     """Next states and their Jacobian."""
     n = x.shape[0] - 6
@@ -106,6 +107,7 @@ def _components(state: dynamics.State) -> list[Array]:
     return [state.position.x, state.position.y, state.heading, state.velocity.x, state.velocity.y, state.omega]
 
 
+@apart
 def _separable(problem: PushProblem, x: Array, u: Array, motion: Motion, data: StageData) -> tuple[Array, Array, Array]:
     """Diagonal Hessian [nz, N], gradient [nz, N] and cost [N] of the tracking terms and the bounds."""
     n = x.shape[0] - 6
@@ -137,6 +139,7 @@ def _coupled(problem: PushProblem, motion: Motion, step: Step, data: StageData) 
     return rows, jnp.concatenate([constraints.room(motion.offset, problem.shapes), clf[None], h])
 
 
+@apart
 def _lyapunov_row(problem: PushProblem, motion: Motion, step: Step, data: StageData) -> tuple[Array, Array]:
     """Jacobian [nz, N] and values [N] of the CLF condition."""
     n = motion.force.shape[0]
@@ -163,18 +166,25 @@ def _disc_rows(problem: PushProblem, motion: Motion, step: Step, data: StageData
     every = barriers.discs(shapes, settings)
     sliding = barriers.by_disc(motion.offset_rate, shapes)
     given = every, barriers.by_disc(motion.offset, shapes), sliding, obstacles.feature
-    seen, moving = jax.lax.map(geometry, given)
+    seen, moving = apart(jax.vmap(geometry))(given)
     # From here on all discs at once: leaves [D, N_o or 1, N].
     disc, moving, sliding = jax.tree.map(lambda leaf: leaf[:, None], (every, moving, sliding))
     disc = jax.tree.map(lambda leaf: leaf[..., None], disc)
-    h = barriers.condition(disc, moving, seen, obstacles, settings)
+    h = apart(barriers.condition)(disc, moving, seen, obstacles, settings)
     gradient = _gradients(disc, moving, seen, obstacles, settings)
     columns = _columns(gradient, moving, motion, sliding)
     own = barriers.by_disc(jnp.eye(n, dtype=h.dtype), shapes)[:, None, :, None]
     acceleration = (step.jacobian[3:6] - jnp.eye(3, 6 + 3 * n, 3, dtype=h.dtype)[..., None]) / dt
-    pull, by_alpha = gradient.pull, columns.alpha
+    rows = _full_rows(gradient.pull, acceleration, columns, own)
+    return rows.reshape(-1, *rows.shape[2:]), h.reshape(-1, h.shape[2])
+
+
+@apart
+def _full_rows(pull: Vector, acceleration: Array, columns: _Columns, own: Array) -> Array:
+    """[D, N_o, nz, N], of what the discs' accelerations contribute and of the columns."""
+    n = own.shape[2]
     full = [
-        pull.x * acceleration[0, i] + pull.y * acceleration[1, i] + by_alpha * acceleration[2, i]
+        pull.x * acceleration[0, i] + pull.y * acceleration[1, i] + columns.alpha * acceleration[2, i]
         for i in range(6 + 3 * n)
     ]
     for i, column in enumerate(columns.state):
@@ -182,8 +192,7 @@ def _disc_rows(problem: PushProblem, motion: Motion, step: Step, data: StageData
     for i in range(n):
         full[6 + i] = full[6 + i] + own[:, :, i] * columns.offset
         full[6 + 2 * n + i] = full[6 + 2 * n + i] + own[:, :, i] * columns.rate
-    rows = jnp.stack(full, axis=2)
-    return rows.reshape(-1, *rows.shape[2:]), h.reshape(-1, h.shape[2])
+    return jnp.stack(full, axis=2)
 
 
 @pytree
@@ -195,6 +204,7 @@ class Gradients:
     pull: Vector
 
 
+@apart
 def _gradients(
     disc: Discs, moving: DiscMotion, seen: Approach, obstacles: barriers.Obstacles, settings: constraints.Constraints
 ) -> Gradients:
@@ -229,6 +239,7 @@ class _Columns:
     """by its rate"""
 
 
+@apart
 def _columns(gradient: Gradients, moving: DiscMotion, motion: Motion, sliding: Array) -> _Columns:
     center, speed, pull = gradient.center, gradient.speed, gradient.pull
     arm, slide, omega = moving.arm, moving.slide, motion.twist[2]
