@@ -1,6 +1,6 @@
 """The solver and its peers on `push2` in one go: `python -m benchmarks.peers FOLDER`.
 
-FOLDER holds the peers: its `run.py --out FILE [--rounds N] [--quick]` runs those that are installed and writes
+FOLDER holds the peers: its `run.py --out FILE [--only A,B] [--quick]` runs those that are installed and writes
 `{"rows": [{"peer", "rti_ms_median", "cold_ms", "batch256_iters_per_s", "guess_cost", "final_cost", ...}]}`.
 """
 
@@ -29,6 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("folder", type=Path, help="folder with the peers' run.py")
     parser.add_argument("--python", default=sys.executable, help="interpreter of the peers (default: this one)")
+    parser.add_argument("--only", help="peers to run, as their run.py names them")
     parser.add_argument("--rounds", type=int, default=3, help="turns that the peers and the solver take")
     parser.add_argument("--quick", action="store_true", help="few repetitions")
     parser.add_argument("--out", default="out/benchmarks", metavar="DIR")
@@ -58,7 +59,8 @@ def _own(quick: bool) -> dict[str, Any]:
 
 def _peers(given: argparse.Namespace, out: Path) -> list[dict[str, Any]]:
     command = [given.python, str(given.folder / "run.py"), "--out", str(out.absolute())]
-    subprocess.run([*command, *(["--quick"] if given.quick else [])], check=True, stdout=subprocess.DEVNULL)
+    asked = [*(["--only", given.only] if given.only else []), *(["--quick"] if given.quick else [])]
+    subprocess.run([*command, *asked], check=True, stdout=subprocess.DEVNULL)
     return json.loads(out.read_text(encoding="utf-8"))["rows"]
 
 
