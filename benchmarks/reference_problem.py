@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,32 +26,33 @@ ROOT = Path(__file__).parents[1]
 
 
 def measure(repeats: int, calls: int) -> dict[str, Any]:
-    """All figures, from fresh processes with a device a core; the first finds an empty compilation cache.
+    """All figures, from fresh processes: one scenario on one thread, twice with one cache, then batches on all cores.
 
     Raises:
       RuntimeError: a cost is not that of other solvers.
     """
+    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={os.cpu_count()}"
     with tempfile.TemporaryDirectory() as cache:
-        environment = {
-            **os.environ,
-            "JAX_COMPILATION_CACHE_DIR": cache,
-            "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
-            "XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={os.cpu_count()}",
-        }
-        runs = []
-        for _ in range(2):
-            command = [sys.executable, "-m", "benchmarks.reference_problem", str(repeats), str(calls)]
-            done = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True, check=True)
-            runs.append(json.loads(done.stdout.splitlines()[-1]))
-    found = runs[1]
+        kept = {"JAX_COMPILATION_CACHE_DIR": cache, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+        # A problem alone is too small for threads: handing an operation to another takes longer than the operation.
+        alone = kept | {"PJRT_NPROC": "1", "JAX_CPU_ENABLE_ASYNC_DISPATCH": "false"}
+        first, found = (_in_fresh_process("alone", alone, repeats, calls) for _ in range(2))
+        batch = _in_fresh_process("batch", kept | {"XLA_FLAGS": flags}, repeats, calls)
     for name, cost in COSTS.items():
         if abs(found["costs"][name] - cost) > 1e-3 * abs(cost):
             raise RuntimeError(f"push2: cost {found['costs'][name]} at the {name}, where other solvers find {cost}")
-    return {**found, "compile_s": {"cold": runs[0]["compile_s"], "cached": found["compile_s"]}}
+    return {**found, **batch, "compile_s": {"cold": first["compile_s"], "cached": found["compile_s"]}}
 
 
-def run(repeats: int, calls: int) -> dict[str, Any]:
-    """The figures of this process."""
+def _in_fresh_process(part: str, settings: Mapping[str, str], repeats: int, calls: int) -> dict[str, Any]:
+    command = [sys.executable, "-m", "benchmarks.reference_problem", part, str(repeats), str(calls)]
+    environment = {**os.environ, **settings}
+    done = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def run(part: str, repeats: int, calls: int) -> dict[str, Any]:
+    """The figures of this process: of a problem `alone`, or of a `batch`."""
     import jax
 
     from benchmarks.push2 import push2
@@ -60,21 +61,22 @@ def run(repeats: int, calls: int) -> dict[str, Any]:
 
     plain, guess = push2()
     problem, options = FastPush2(**vars(plain)), sqp.Options()
-    x0 = guess.xs[0]
+    x0, start = guess.xs[0], sqp.start(guess, options)
     iterate = lambda p, x, i: sqp.solve(p, x, i, options)  # noqa: E731
     started = time.perf_counter()
-    one = jax.jit(iterate, compiler_options=WHOLE).lower(problem, x0, sqp.start(guess, options)).compile()
+    one = jax.jit(iterate, compiler_options=WHOLE).lower(problem, x0, start).compile()
     compile_s = time.perf_counter() - started
-    count, solution = _cold(one, problem, x0, sqp.start(guess, options))
-    cold = [_timed(lambda: _cold(one, problem, x0, sqp.start(guess, options))) for _ in range(max(repeats, 3))]
+    count, solution = _cold(one, problem, x0, start)
+    if part == "batch":
+        figures = [_throughput(iterate, problem, x0, solution, lanes, repeats) for lanes in LANES]
+        return {"batch": figures, "devices": jax.device_count()}
+    cold = [_timed(lambda: _cold(one, problem, x0, start)) for _ in range(max(repeats, 3))]
     costs = {"guess": sqp.evaluate(problem, guess)[0], "solution": solution.cost}
     return {
         "compile_s": round(compile_s, 3),
         "costs": {name: float(cost) for name, cost in costs.items()},
         "latency": _latency(one, problem, x0, solution, calls),
         "cold": {"iterations": count, **_spread(cold)},
-        "batch": [_throughput(iterate, problem, x0, solution, lanes, repeats) for lanes in LANES],
-        "devices": jax.device_count(),
     }
 
 
@@ -158,4 +160,4 @@ def _spread(taken: Sequence[float]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(*map(int, sys.argv[1:3]))))
+    print(json.dumps(run(sys.argv[1], *map(int, sys.argv[2:4]))))
