@@ -20,14 +20,14 @@ from jaxlocomanip.planner.config import Adaptation
 from jaxlocomanip.planner.estimation import ObjectEstimate
 from jaxlocomanip.planner.shapes import Shapes
 
-SLIP, STILL = 0.15, 0.05
-"""m/s, speeds above which the object has broken away and below which it may be at rest"""
+SLIP, STILL = 0.15, 0.04
+"""m/s, speed above which the object has broken away, and mean speed below which it may be at rest"""
 _ONSET = 0.25
 """s, from the onset of slip until it is seen: the push of then is what friction was"""
 _POSE_GAIN, _TWIST_GAIN = 0.4, 0.1
 """of the observer: with 5 mm of noise at 50 Hz its velocity has 3 cm/s, and settles in 0.1 s"""
-_TRUST = 0.5
-"""s, from the last slip on until an object seen still is at rest"""
+_MEAN, _TRUST = 0.2, 0.3
+"""s, over which the mean is taken, and from when on an object seen still is at rest"""
 
 
 @pytree
@@ -38,6 +38,8 @@ class Breakaway:
     """[3] by an observer of constant velocity"""
     twist: Array
     """[3] likewise"""
+    mean: Array
+    """[3] of the twist over a while"""
     push: Array
     """[] N, `limit_push` of a moment ago"""
     waiting: Array
@@ -49,7 +51,7 @@ class Breakaway:
 def start(pose: Array) -> Breakaway:
     """Before the first tick, at rest at a pose [3]."""
     zero = jnp.zeros((), pose.dtype)
-    return Breakaway(pose, jnp.zeros_like(pose), zero, jnp.ones((), bool), zero)
+    return Breakaway(pose, jnp.zeros_like(pose), jnp.zeros_like(pose), zero, jnp.ones((), bool), zero)
 
 
 def limit_push(wrench_B: Array, com: Array, shapes: Shapes) -> Array:
@@ -75,12 +77,13 @@ def watch(before: Breakaway, measured: Array, push: Array, shapes: Shapes, tick:
     difference = measured - guess
     innovation = jnp.concatenate([difference[:2], wrap_angle(difference[2:])])
     twist = before.twist + _TWIST_GAIN / tick * innovation
-    speed = safe_norm(jnp.concatenate([twist[:2], shapes.torsion_radius * twist[2:]]))
+    mean = before.mean + tick / (tick + _MEAN) * (twist - before.mean)
+    speed, usual = (safe_norm(jnp.concatenate([v[:2], shapes.torsion_radius * v[2:]])) for v in (twist, mean))
     slips = before.waiting & (speed > SLIP)
-    still = jnp.where(speed < STILL, before.still + tick, 0.0)
+    still = jnp.where(usual < STILL, before.still + tick, 0.0)
     waiting = jnp.where(before.waiting, ~slips, still > _TRUST)
     lagged = before.push + tick / (tick + _ONSET) * (push - before.push)
-    return Breakaway(guess + _POSE_GAIN * innovation, twist, lagged, waiting, still), slips
+    return Breakaway(guess + _POSE_GAIN * innovation, twist, mean, lagged, waiting, still), slips
 
 
 def corrected(

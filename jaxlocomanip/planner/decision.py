@@ -16,6 +16,7 @@ from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.path import Path
 from jaxlocomanip.planner.reference import Progress
+from jaxlocomanip.planner.room import FAR
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.solver import sqp
 from jaxlocomanip.solver.ocp import Plan
@@ -108,7 +109,7 @@ def at_rest(situation: Situation, warm: Iterate) -> Decision:
     here = jnp.concatenate([situation.estimate.pose, jnp.zeros_like(situation.estimate.twist), situation.offset])
     stay = Plan(jnp.broadcast_to(here, warm.plan.xs.shape), jnp.zeros_like(warm.plan.us))
     zero = jnp.zeros_like(warm.cost)
-    none, free = jnp.zeros_like(situation.offset), zero + safety.FAR
+    none, free = jnp.zeros_like(situation.offset), zero + FAR
     converged = jnp.zeros_like(warm.status)
     solver = Iterate(stay, warm.damping, zero, zero, zero, zero, converged)
     sent = safety.Filtered(none, none, jnp.zeros((), jnp.int32), free)

@@ -19,15 +19,14 @@ import numpy as np
 from jax import Array
 
 from jaxlocomanip.lanes import where_needed
-from jaxlocomanip.numerics import Floats, pytree, safe_norm
+from jaxlocomanip.numerics import pytree, safe_norm
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
-from jaxlocomanip.planar.geometry import perpendicular, polygon_distance, rectangle, rotate, transform
 from jaxlocomanip.planner.breakaway import limit_push
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
+from jaxlocomanip.planner.room import FAR, keep_clear, keep_room, rooms_at, slip
 from jaxlocomanip.planner.shapes import Shapes
-from jaxlocomanip.scenario import Team
 
 SAMPLES = 6
 """steps of the braking motion, each checked at its end"""
@@ -35,10 +34,6 @@ WAITS = 3
 """instants after the stop at which moving obstacles are looked at"""
 LIGHTER = 1.3
 """an object may be so many times lighter than estimated: a push then moves it further"""
-ROOM_RATE = 4.0
-"""1/s, of the barrier condition on the room between two robots"""
-FAR = 1e3
-"""m, room where there is nothing to hit"""
 
 
 @pytree
@@ -55,8 +50,8 @@ class Filtered:
     """[] m, least room of the chosen candidate to obstacles, beyond the margin"""
 
 
-def candidates(force: Array, rate: Array) -> tuple[Array, Array]:
-    """[n, N_r] forces and rates around an input, in the order of preference."""
+def candidates(force: Array, rate: Array, back: Array) -> tuple[Array, Array]:
+    """[n, N_r] forces and rates around an input, in the order of preference; `back` are rates the other way."""
     count = force.shape[0]
     scales = [
         (np.ones(count), 1.0),
@@ -68,7 +63,7 @@ def candidates(force: Array, rate: Array) -> tuple[Array, Array]:
     scales += [(np.zeros(count), 1.0), (np.zeros(count), 0.0), (np.zeros(count), -1.0)]
     pushes = jnp.asarray(np.array([s for s, _ in scales]), force.dtype)
     slides = jnp.asarray(np.array([r for _, r in scales]), force.dtype)
-    return pushes * force, slides[:, None] * rate
+    return pushes * force, jnp.where(slides[:, None] < 0.0, back, slides[:, None] * rate)
 
 
 def safety_filter(
@@ -95,9 +90,12 @@ def safety_filter(
       shapes: geometry.
       config: settings.
     """
-    forces, rates = candidates(force, rate)
-    rates = jax.vmap(lambda r: keep_room(offset, r, shapes.team, config.safety.margin))(rates)
 
+    def kept(rate: Array) -> Array:
+        clear = keep_clear(estimate.pose, offset, rate, obstacles, shapes, config)
+        return keep_room(offset, clear, shapes.team, config.safety.margin)
+
+    forces, rates = candidates(force, kept(rate), kept(-rate))
     situation = (estimate, offset, obstacles, body, proven, shapes, config)
 
     def least(situation: Any, push: Array, slide: Array) -> Array:
@@ -172,26 +170,6 @@ SLIDING, HOLDING = 0.5, 0.3
 """s, over which it is learnt"""
 
 
-def keep_room(offset: Array, rate: Array, team: Team, margin: Floats) -> Array:
-    """Offset rates [N_r] nearest to `rate` under which the room between robots closes no faster than it vanishes.
-
-    The barrier condition row @ rate <= ROOM_RATE (bound - margin - row @ offset) of each pair in turn; the margin in m.
-    """
-    for i in range(team.pair_bounds.shape[0]):
-        row = team.pair_rows[i]
-        excess = row @ rate - ROOM_RATE * (team.pair_bounds[i] - margin - row @ offset)
-        rate = rate - row * jnp.maximum(excess, 0.0) / jnp.maximum(row @ row, 1.0)
-    return rate
-
-
-def slip(pose: Array, twist: Array, offset: Array, rate: Array, team: Team) -> Array:
-    """[N_r] m/s, offset rates beyond the commanded ones: faces that move aside faster than a robot walks slip away."""
-    points = team.contact_points(offset)
-    velocity_B = rotate(-pose[2], twist[:2]) + twist[2] * perpendicular(points)
-    walk = rate + jnp.sum(velocity_B * team.tangent, axis=-1)
-    return jnp.clip(walk, -team.slide_speed_max, team.slide_speed_max) - walk
-
-
 def braking_rooms(
     force: Array,
     rate: Array,
@@ -257,22 +235,3 @@ def stopping_time(twist: Array, body: Body, friction: Array, shapes: Shapes) -> 
     turning = slowing * shapes.torsion_radius * body.mass / body.inertia
     # Translation and rotation share one friction budget: braking both takes at most the sum of the times for either.
     return safe_norm(twist[:2]) / slowing + jnp.abs(twist[2]) / jnp.maximum(turning, 1e-3)
-
-
-def rooms_at(pose: Array, offset: Array, obstacles: Array, shapes: Shapes, config: PlannerConfig) -> Array:
-    """[3] m, room of the true shapes: object and robots to obstacles at [N_o, 2], and robots to each other."""
-    team = shapes.team
-    offset = jnp.clip(offset, -team.offset_limit, team.offset_limit)
-    robots = jax.vmap(rectangle)(team.robot_poses(pose, offset), team.half_length, team.half_width)
-
-    def gap(body: Array) -> Array:
-        each = jax.vmap(lambda at, v, r: polygon_distance(body, 0.0, at + v, r))(
-            obstacles, shapes.obstacle_vertices, shapes.obstacle_radius
-        )
-        return jnp.min(jnp.where(shapes.obstacle_mask, each, FAR))
-
-    object_gap = jnp.where(config.protection.object > 0.5, gap(transform(pose, shapes.object_vertices)), FAR)
-    robot_gap = jnp.where(config.protection.robots > 0.5, jnp.min(jax.vmap(gap)(robots)), FAR)
-    # Robots whose faces move aside faster than they can walk come into each other's way.
-    team_gap = jnp.min(team.pair_bounds - team.pair_rows @ offset, initial=FAR)
-    return jnp.stack([object_gap, robot_gap, team_gap])

@@ -1,5 +1,7 @@
 """Progress along the path and the reference over the horizon."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +17,7 @@ SETTINGS = PlannerConfig().reference
 TURN_RADIUS = SETTINGS.speed / SETTINGS.turn_rate
 TOLERANCE = jnp.array([0.15, 0.3])
 GOAL = [3.0, 4.0, 1.0]
+MOVING, STANDING = jnp.array([0.3, 0.0, 0.0]), jnp.zeros(3)
 advance = jax.jit(reference.advance)
 targets = jax.jit(reference.targets)
 
@@ -30,11 +33,11 @@ def path(make_scenario):
     return straight(scenario, scenario.start, scenario.goal.pose)
 
 
-def run(path, poses):
+def run(path, poses, twist=MOVING):
     """Progress [T] while the object is at `poses` [T, 3]."""
     progress, rows = reference.start(), []
     for pose in poses:
-        progress = advance(progress, path, jnp.asarray(pose), jnp.asarray(GOAL), TOLERANCE, TICK, SETTINGS)
+        progress = advance(progress, path, jnp.asarray(pose), twist, jnp.asarray(GOAL), TOLERANCE, TICK, SETTINGS)
         rows.append([float(progress.projected), float(progress.reference), bool(progress.resting)])
     return np.array(rows)
 
@@ -81,6 +84,25 @@ def test_rests_with_hysteresis(x64, path):
     assert rows[:, 2].tolist() == [False, False, True, True, False, False]
 
 
+def test_an_object_that_stands_within_the_tolerances_has_arrived(x64, path):
+    """While it moves it may still come nearer; standing, the next approach may end worse."""
+    near = np.array(GOAL) - [0.5 * (SETTINGS.arrive + SETTINGS.leave) * 0.15, 0.0, 0.0]
+    beyond = np.array(GOAL) - [1.1 * SETTINGS.leave * 0.15, 0.0, 0.0]
+    assert not run(path, [near])[-1, 2]
+    assert run(path, [near], STANDING)[-1, 2]
+    assert not run(path, [beyond], STANDING)[-1, 2]
+
+
+def test_a_team_is_stuck_after_searches_in_a_row_without_progress(x64, path):
+    progress = reference.start()
+    for count in range(1, reference.PATIENCE):
+        assert reference.stalls(progress, SETTINGS) == count
+        progress = reference.restart(progress, path, SETTINGS)
+    assert reference.stalls(progress, SETTINGS) == reference.PATIENCE
+    assert reference.stalls(dataclasses.replace(progress, projected=jnp.asarray(0.5)), SETTINGS) == 0
+    assert reference.stalls(dataclasses.replace(progress, resting=jnp.asarray(True)), SETTINGS) == 0
+
+
 def test_targets_run_along_the_path_and_come_to_rest_at_the_goal(x64, path):
     times = jnp.arange(0.0, 40.0, 0.1)
     made = targets(reference.start(), path, times, SETTINGS)
@@ -106,8 +128,8 @@ def test_targets_move_as_their_twist_says(x64, path):
 
 
 def test_a_new_path_keeps_the_lead(x64, path):
-    progress = reference.Progress(jnp.asarray(1.0), jnp.asarray(1.2), jnp.asarray(False))
-    renewed = reference.restart(progress, path)
+    progress = dataclasses.replace(reference.start(), projected=jnp.asarray(1.0), reference=jnp.asarray(1.2))
+    renewed = reference.restart(progress, path, SETTINGS)
     assert renewed.projected == 0.0
     assert renewed.reference == pytest.approx(0.2)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxlocomanip.outcome import clearances
-from jaxlocomanip.planner import safety
+from jaxlocomanip.planner import room, safety
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.shapes import shapes_of
@@ -178,7 +178,7 @@ def test_room_between_robots_never_runs_out(make_scenario):
     team = make_scenario(object={"size": [0.8, 0.8], "mass": 6.0}).team
     row, bound = team.pair_rows[0], team.pair_bounds[0]
     towards = jnp.sign(row) * team.slide_speed_max
-    offset, keep = jnp.zeros(2), jax.jit(safety.keep_room)
+    offset, keep = jnp.zeros(2), jax.jit(room.keep_room)
     assert (keep(offset, 0.0 * towards, team, 0.03) == 0.0).all()
     assert (keep(offset, -towards, team, 0.03) == -towards).all()
     for _ in range(300):
@@ -186,6 +186,24 @@ def test_room_between_robots_never_runs_out(make_scenario):
         assert row @ offset <= bound - 0.03 + 1e-6
     assert row @ offset > bound - 0.05  # and they do use the room
     assert (keep(offset, -towards, team, 0.03) == -towards).all()
+
+
+def test_no_robot_slides_into_an_obstacle_for_the_sake_of_another(scene):
+    """Each robot's rate is limited by its own room, whatever the others do."""
+    scenario = scene(face=0.45)
+    shapes = shapes_of(scenario)
+    places = scenario.obstacles.position
+    seen = ObstacleEstimate(places, jnp.zeros_like(places), jnp.zeros((places.shape[0], 3)))
+    keep = jax.jit(lambda d, r: room.keep_clear(jnp.zeros(3), d, r, seen, shapes, CONFIG))
+    near = jax.jit(lambda d: room.robot_rooms(jnp.zeros(3), d, places, shapes))
+    for sign in (1.0, -1.0):
+        offset, asked = jnp.zeros(2), sign * jnp.array([0.4, 0.4])
+        for _ in range(200):
+            rate = keep(offset, asked)
+            assert (jnp.abs(rate) <= 0.4 + 1e-6).all() and (rate * asked >= 0.0).all()
+            offset = jnp.clip(offset + TICK * rate, -shapes.team.offset_limit, shapes.team.offset_limit)
+        assert near(offset).min() >= CONFIG.safety.margin - 2e-3
+    assert (keep(jnp.zeros(2), asked) == asked).sum() >= 1  # the robot that has room is not held
 
 
 def test_friction_is_proven_by_rest_under_a_push_and_by_sliding(make_scenario):
