@@ -58,13 +58,13 @@ print(*entities, sep="\n")
 # The object's way, read from the file, beside the log that it was written from.
 
 # %%
-columns = {}
+way = []
 for chunk in chunks:
-    if str(chunk.entity_path) == "/world/object":
-        batch = chunk.to_record_batch()
-        columns |= {name: batch.column(name).to_pylist() for name in batch.schema.names}
-(name,) = (name for name in columns if "translation" in name)
-way = np.array([row[0][:2] for row in columns[name] if row])
+    batch = chunk.to_record_batch()
+    for name in batch.schema.names:
+        if str(chunk.entity_path) == "/world/object" and "translation" in name:
+            way += [row[0][:2] for row in batch.column(name).to_pylist() if row]
+way = np.array(way)
 
 figure, axes = plt.subplots(figsize=(5, 5), layout="constrained")
 axes.plot(*result.log.view.pose[:, :2].T, linewidth=4, alpha=0.3, label="log")
