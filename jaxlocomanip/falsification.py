@@ -42,15 +42,15 @@ HALVINGS = 3
 class Search:
     """How long and how wide to search."""
 
-    screened: int = 64
-    """random scenarios to begin with"""
-    lanes: int = 16
+    screened: int = 128
+    """random scenarios to begin with: most of the budget, since what is improved is as bad as these are"""
+    lanes: int = 8
     """of them, the worst, are improved"""
-    rounds: int = 4
+    rounds: int = 2
     """gradients taken of each of these"""
     steps: tuple[float, ...] = (0.02, 0.06, 0.2, 0.5)
     """changes of every coordinate, down its gradient, that are tried; the box is 2 wide"""
-    memory: float = 0.2
+    memory: float = 0.03
     """s, time constant with which gradients fade back in time (`gradients.soft_outcome`)"""
     gradient_cost: float = 6.0
     """episodes that take as long as one gradient"""

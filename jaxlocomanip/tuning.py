@@ -69,7 +69,7 @@ class Settings:
     """the best of them, which the distribution moves to"""
     spread: float = 0.3
     """standard deviation of the logarithms at the start"""
-    memory: float = 0.2
+    memory: float = 0.03
     """s, time constant with which gradients fade back in time (`gradients.soft_outcome`)"""
     gradient_cost: float = 6.0
     """episodes that take as long as one gradient, to count the budget by"""
