@@ -116,11 +116,17 @@ class Runner:
         key = (structure, kinds, ticks)
         if key not in self._programs:
             start = time.perf_counter()
-            program = jax.jit(partial(_chunk, ticks=ticks, mesh=self._mesh)).lower(*arguments).compile()
+            lowered = jax.jit(partial(_chunk, ticks=ticks, mesh=self._mesh)).lower(*arguments)
+            program = lowered.compile(compiler_options=self._options())
             analysis = program.memory_analysis()
             memory = getattr(analysis, "temp_size_in_bytes", None)
             self._programs[key] = Compiled(program, time.perf_counter() - start, memory)
         return self._programs[key]
+
+    def _options(self) -> dict[str, str] | None:
+        """Several CPU devices share the cores: splitting each small operation among them as well costs a third more."""
+        several_cpus = len(self.devices) > 1 and self.devices[0].platform == "cpu"
+        return {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"} if several_cpus else None
 
     def _one_by_one(self, scenarios: Sequence[Scenario], config: PlannerConfig, seed: int, padding: Padding) -> Outcome:
         """A world that is stepped outside of compiled programs has no batches; its planner still compiles once."""

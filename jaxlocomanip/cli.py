@@ -148,6 +148,8 @@ def _set_environment() -> None:
     """Settings that JAX reads from the environment; whatever the user has set stays."""
     # XLA's CPU thread pool has one thread a core, and a pool of few threads can dead-lock.
     os.environ.setdefault("PJRT_NPROC", "16")
+    # One device a core: batches are shared among devices, which takes less than sharing each operation among cores.
+    os.environ.setdefault("XLA_FLAGS", f"--xla_force_host_platform_device_count={os.cpu_count() or 1}")
     # Compiling takes longer than simulating, so every program is kept for the next call.
     cache = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache / "jaxlocomanip" / "xla"))
