@@ -123,7 +123,7 @@ class Runner:
             self._programs[key] = Compiled(program, time.perf_counter() - start, memory)
         return self._programs[key]
 
-    def _options(self) -> dict[str, str] | None:
+    def _options(self) -> dict[str, str | bool] | None:
         """Several CPU devices share the cores: splitting each small operation among them as well costs a third more."""
         several_cpus = len(self.devices) > 1 and self.devices[0].platform == "cpu"
         return {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"} if several_cpus else None
