@@ -52,7 +52,7 @@ class Search:
     """changes of every coordinate, down its gradient, that are tried; the box is 2 wide"""
     memory: float = 0.03
     """s, time constant with which gradients fade back in time (`gradients.soft_outcome`)"""
-    gradient_cost: float = 6.0
+    gradient_cost: float = 8.0
     """episodes that take as long as one gradient"""
 
     @property

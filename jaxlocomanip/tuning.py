@@ -71,7 +71,7 @@ class Settings:
     """standard deviation of the logarithms at the start"""
     memory: float = 0.03
     """s, time constant with which gradients fade back in time (`gradients.soft_outcome`)"""
-    gradient_cost: float = 6.0
+    gradient_cost: float = 8.0
     """episodes that take as long as one gradient, to count the budget by"""
     seed: int = 0
 

@@ -14,7 +14,7 @@
 # # 4. Tuning with optax
 #
 # Weights, barrier shapes and gains of the planner, adjusted by stochastic gradient through the whole closed loop. A
-# gradient costs about six episodes, and its program takes minutes to compile, once. The command for a real run is
+# gradient costs about eight episodes, and its program takes minutes to compile, once. The command for a real run is
 # `jaxlocomanip tune`.
 
 # %%
