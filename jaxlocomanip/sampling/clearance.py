@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,24 +21,24 @@ TRACK = 0.75
 
 
 class Floor(NamedTuple):
-    """Standing obstacles in the frame at the start whose x axis leads to the goal."""
+    """Goal and standing obstacles in a frame at the start."""
 
     bearing: float
-    """rad, of that axis in the world"""
-    length: float
-    """m, from start to goal"""
+    """rad, of its x axis in the world"""
+    goal: Floats
+    """[2] m"""
     obstacles: list[tuple[ObstacleSpec, Floats]]
     """each with its place [2] m"""
 
 
-def floor_of(spec: ScenarioSpec) -> Floor:
-    """The standing obstacles of a scenario."""
+def floor_of(spec: ScenarioSpec, bearing: float | None = None) -> Floor:
+    """The goal and the standing obstacles of a scenario; the x axis leads to the goal unless it has another bearing."""
     standing = [obstacle for obstacle in spec.obstacles if not moves(obstacle)]
-    ahead = [goal - start for goal, start in zip(spec.goal.pose[:2], spec.start[:2], strict=True)]
-    bearing = math.atan2(ahead[1], ahead[0])
-    moved = np.array([o.position for o in standing]).reshape(-1, 2) - np.array(spec.start[:2])
-    places = placed((0.0, 0.0, -bearing), moved)
-    return Floor(bearing, math.hypot(*ahead), list(zip(standing, places, strict=True)))
+    points = np.array([spec.goal.pose[:2], *[o.position for o in standing]]) - np.array(spec.start[:2])
+    if bearing is None:
+        bearing = math.atan2(points[0, 1], points[0, 0])
+    goal, *places = placed((0.0, 0.0, -bearing), points)
+    return Floor(bearing, goal, list(zip(standing, places, strict=True)))
 
 
 def shrunk(bodies: Bodies, grid: Grid) -> Bodies:
@@ -148,7 +147,7 @@ def pose_at(grid: Grid, place: Floats, heading: float) -> Bits:
 
 
 def poses_near(
-    grid: Grid, com: Floats, place: Sequence[float], heading: float, radius: float, turn: float, track: float
+    grid: Grid, com: Floats, place: Floats, heading: float, radius: float, turn: float, track: float
 ) -> Bits:
     """Cells and headings that stand for poses of the body point within a radius, m, and a turn, rad, of a pose.
 

@@ -37,7 +37,7 @@ _WIDEST = 0.3
 
 def enclosed_start(spec: ScenarioSpec, floor: Floor, able: Pushing) -> bool:
     """Whether standing obstacles keep the team from leaving its start."""
-    if floor.length < 2.0 * AWAY + spec.goal.position_tolerance:
+    if np.hypot(*floor.goal) < 2.0 * AWAY + spec.goal.position_tolerance:
         return False
     offsets = [robot.offset for robot in spec.robots]
     return _crowded(spec, floor, spec.start, offsets) and not _leaves(spec, floor, able, goal=False)
@@ -46,7 +46,7 @@ def enclosed_start(spec: ScenarioSpec, floor: Floor, able: Pushing) -> bool:
 def enclosed_goal(spec: ScenarioSpec, floor: Floor, able: Pushing) -> bool:
     """Whether standing obstacles keep the team from coming to its goal, wherever it comes from."""
     tolerance = spec.goal.position_tolerance
-    if tolerance > _WIDEST or floor.length < 2.0 * (AWAY + tolerance):
+    if tolerance > _WIDEST or np.hypot(*floor.goal) < 2.0 * (AWAY + tolerance):
         return False
     return _crowded(spec, floor, spec.goal.pose, [0.0] * len(spec.robots)) and not _leaves(spec, floor, able, goal=True)
 
@@ -62,7 +62,7 @@ def _crowded(spec: ScenarioSpec, floor: Floor, pose: Sequence[float], offsets: S
 def _leaves(spec: ScenarioSpec, floor: Floor, able: Pushing, goal: bool) -> bool:
     """Whether a flood from the start, or backwards in time from the goal, gets away."""
     heading = (spec.goal.pose if goal else spec.start)[2] - floor.bearing
-    place = np.array([floor.length if goal else 0.0, 0.0])
+    place = floor.goal if goal else np.zeros(2)
     radius = AWAY + (spec.goal.position_tolerance if goal else 0.0)
     middle = place + placed((0.0, 0.0, heading), able.com[None])[0]
     half = math.ceil(radius / _CELL) + 2
@@ -78,7 +78,7 @@ def _leaves(spec: ScenarioSpec, floor: Floor, able: Pushing, goal: bool) -> bool
     if not goal:
         return reaches(grid, free, pose_at(grid, middle, heading), aim, rules)
     tolerances = spec.goal.position_tolerance, spec.goal.heading_tolerance
-    begin = poses_near(grid, able.com, (floor.length, 0.0), heading, *tolerances, TRACK)
+    begin = poses_near(grid, able.com, floor.goal, heading, *tolerances, TRACK)
     return reaches(grid, free, begin, aim, backwards(rules), turned=True)
 
 

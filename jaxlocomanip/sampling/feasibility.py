@@ -1,6 +1,7 @@
 """Scenarios that no planner could solve, found before they are simulated.
 
-Only the impossible is rejected, and each rejection has a reason that is counted:
+Only the impossible is rejected, and what leaves less room than measured poses need; each rejection has a reason that is
+counted:
 
 - `capacity`: the team cannot push the object straight towards the goal with more than its sliding friction, whatever
   heading between the start's and the goal's it has. The set of directions that a team can move a sliding object in at
@@ -14,6 +15,8 @@ Only the impossible is rejected, and each rejection has a reason that is counted
 - `contact`: the robots' contact offsets at the start are off their faces or in each other's way.
 - `blocked`: standing obstacles leave only corridors narrower than what the team sweeps over, for a team that can push
   but not pull, and turns the object only as it moves it (`passage`).
+- `narrow`: there may be a way, but none was found with up to 3 cm of room (`bodies.ROOM`) on a grid of poses. A planner
+  that knows all poses exactly might do some of these.
 
 Moving obstacles make a scenario impossible only where they stand at the start or pass the goal at the end. Not rejected
 is, among others, one in which a moving obstacle runs over a team that has no way out: see `Outcome.run_over`.
@@ -40,7 +43,7 @@ from jaxlocomanip.specification import ScenarioSpec
 
 Floats = NDArray[np.floating[Any]]
 
-REASONS = ("capacity", "start", "goal", "contact", "blocked")
+REASONS = ("capacity", "start", "goal", "contact", "blocked", "narrow")
 """Why scenarios are rejected."""
 PUSH_RESERVE = 1.05
 """largest push over sliding friction that a team needs at least; with exactly 1 it gets nowhere in finite time"""
@@ -51,7 +54,7 @@ END = 2.0
 
 
 def judged(spec: ScenarioSpec, index: int) -> Scenario | str:
-    """The arrays of a scenario, or the reason why no planner could solve it; the cheapest checks come first."""
+    """The arrays of a scenario, or the reason why it is rejected; the cheapest checks come first."""
     if capacity(spec) < PUSH_RESERVE * _friction(spec):
         return "capacity"
     try:

@@ -75,14 +75,21 @@ class Rules(NamedTuple):
     steps: tuple[Step, ...]
     bins: tuple[int, ...] | None
     """of heading, by which a move of each of `LENGTHS` lets the object turn; None: on the spot by any"""
+    both: bool
+    """whether a move that passes between two cells needs both, or either"""
 
 
-def strict_rules(pushing: Pushing, grid: Grid) -> Rules:
-    """Steps to the 8 neighbours, in directions that the team can push exactly, and turns no tighter than it can."""
-    offsets = _within(1)
-    angles = np.array([math.atan2(j, i) for i, j in offsets])
-    inside = _beyond(pushing, grid, angles) <= 1e-6
-    return Rules(_steps(offsets, inside), _bins(pushing, grid, lambda bins: max(int(bins), 1)))
+def strict_rules(pushing: Pushing, grid: Grid, reach: int) -> Rules:
+    """Steps in directions that the team can push exactly, and turns no tighter than it can.
+
+    `reach` cells, 1 or 2: steps to 8 or 16 neighbours. Where the directions at a heading may all lie between two of
+    these, as of a robot alone, to 32, the nearest to the directions then being as good.
+    """
+    wide = pushing.half > math.pi / 8.0 - 1e-6
+    offsets = _within(reach if wide else 3)
+    beyond = _beyond(pushing, grid, np.array([math.atan2(j, i) for i, j in offsets]))
+    inside = beyond <= (1e-6 if wide else np.maximum(beyond.min(axis=0), 0.0) + 1e-6)
+    return Rules(_steps(offsets, inside), _bins(grid, pushing.curvature, lambda bins: int(bins + 1e-6)), both=True)
 
 
 def lenient_rules(pushing: Pushing, grid: Grid, reach: int) -> Rules:
@@ -96,7 +103,7 @@ def lenient_rules(pushing: Pushing, grid: Grid, reach: int) -> Rules:
     # A direction stands for pushes up to halfway to the next one.
     room = 0.5 * np.maximum(gaps, np.roll(gaps, 1))[:, None]
     inside = _beyond(pushing, grid, angles) < SLACK + 0.5 * grid.bin + room
-    return Rules(_steps(offsets, inside), _bins(pushing, grid, math.ceil))
+    return Rules(_steps(offsets, inside), _bins(grid, pushing.bound, math.ceil), both=False)
 
 
 def _within(reach: int) -> list[Offset]:
@@ -107,7 +114,7 @@ def _within(reach: int) -> list[Offset]:
 
 def backwards(rules: Rules) -> Rules:
     """The same moves backwards in time."""
-    return Rules(tuple(Step((-i, -j), bits) for (i, j), bits in rules.steps), rules.bins)
+    return rules._replace(steps=tuple(Step((-i, -j), bits) for (i, j), bits in rules.steps))
 
 
 def _beyond(pushing: Pushing, grid: Grid, angles: Floats) -> Floats:
@@ -121,10 +128,10 @@ def _steps(offsets: Sequence[Offset], inside: NDArray[np.bool_]) -> tuple[Step, 
     return tuple(Step(offset, bits) for offset, bits in zip(offsets, words, strict=True) if bits)
 
 
-def _bins(pushing: Pushing, grid: Grid, whole: Any) -> tuple[int, ...] | None:
-    if math.isinf(pushing.curvature):
+def _bins(grid: Grid, curvature: float, whole: Any) -> tuple[int, ...] | None:
+    if math.isinf(curvature):
         return None
-    turns = [math.sqrt(n) * grid.cell * pushing.curvature / grid.bin for n in LENGTHS]
+    turns = [math.sqrt(n) * grid.cell * curvature / grid.bin for n in LENGTHS]
     return tuple(min(whole(bins), HEADINGS // 2) for bins in turns)
 
 
@@ -139,7 +146,8 @@ def reaches(grid: Grid, free: Bits, begin: Bits, aim: Bits, rules: Rules, turned
       rules: of motion.
       turned: see `begin`.
     """
-    rays = [[_ray(free, s) for s in rules.steps if s.offset[0] ** 2 + s.offset[1] ** 2 == n] for n in LENGTHS]
+    squares = [i * i + j * j for (i, j), _ in rules.steps]
+    rays = [[_ray(free, s, rules.both) for s, m in zip(rules.steps, squares, strict=True) if m == n] for n in LENGTHS]
     while len(rays) > 1 and not rays[-1]:
         rays.pop()
     state = begin & free
@@ -184,7 +192,7 @@ def _spread(grid: Grid, state: Bits, free: Bits, bins: int) -> Bits:
 _Jump = tuple[tuple[slice, slice], tuple[slice, slice], Bits]
 
 
-def _ray(free: Bits, step: Step) -> list[_Jump]:
+def _ray(free: Bits, step: Step, both: bool) -> list[_Jump]:
     """Jumps by 1, 2, 4, ... steps and what they may pass through."""
     i, j = step.offset
     through = free & step.bits
@@ -192,7 +200,8 @@ def _ray(free: Bits, step: Step) -> list[_Jump]:
     for n in range(1, max(abs(i), abs(j))):
         part = n / max(abs(i), abs(j))
         low, high = ((math.floor(part * i), math.floor(part * j)), (math.ceil(part * i), math.ceil(part * j)))
-        through &= _from(free, (i - low[0], j - low[1])) | _from(free, (i - high[0], j - high[1]))
+        sides = [_from(free, (i - a, j - b)) for a, b in (low, high)]
+        through &= sides[0] & sides[1] if both else sides[0] | sides[1]
     jumps: list[_Jump] = []
     length = 1
     while length <= _LONGEST and length * max(abs(i), abs(j)) < max(free.shape):

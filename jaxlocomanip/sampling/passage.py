@@ -1,12 +1,14 @@
 """Whether there is any way for a team from start to goal between standing obstacles.
 
-A flood over poses (centre of mass, heading) of the object, in a frame along the straight line: the team moves the
-object in directions in which it can push at its heading, and turns it only as far as it moves it (`pushing`). The
-bodies are discs and corners inside the true ones, smaller still by what the grid could get wrong, and robots may be
-anywhere along their faces at each pose, so that a way is found wherever there is one; some scenarios without any are
-let through. Coarser floods go first, with discs around the bodies and with the bodies as they are on the grid: they are
-much faster and find a way in most scenarios. Where they find none, a finer one looks at the start and the goal
-(`enclosure`).
+A flood over poses (centre of mass, heading) of the object: the team moves the object in directions in which it can push
+at its heading, and turns it only as far as it moves it (`pushing`). Robots may be anywhere along their faces at each
+pose.
+
+A scenario is good where a flood finds a way for discs *around* the bodies. A coarse flood with large discs goes first:
+it is much faster and finds a way in most scenarios. Where the fine one, with a few centimetres of room, finds none
+either, floods with discs *inside* the bodies, smaller still by what the grid could get wrong, say why: they find a way
+wherever there is one, and where they find none at the start or the goal (`enclosure`) or between them, there is none.
+What is left is too narrow for a planner that measures poses.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxlocomanip.footprint import placed
-from jaxlocomanip.sampling.bodies import Bodies, inner_discs, outer_discs
+from jaxlocomanip.sampling.bodies import Bodies, close_discs, inner_discs, outer_discs
 from jaxlocomanip.sampling.clearance import TRACK, Floor, floor_of, free_poses, pose_at, poses_near, shrunk
 from jaxlocomanip.sampling.enclosure import enclosed_goal, enclosed_start
 from jaxlocomanip.sampling.flood import HEADINGS, Grid, Rules, lenient_rules, reaches, strict_rules
@@ -27,8 +29,10 @@ from jaxlocomanip.specification import ScenarioSpec
 
 Floats = NDArray[np.floating[Any]]
 
-COARSE, MEDIUM, FINE = 0.125, 0.1, 0.05
+COARSE, FINE = 0.125, 0.05
 """m, spacing of the floods"""
+_PARTS = 3
+"""of a fine cell to which bodies are placed"""
 _BORDER = 0.3
 """m of room beyond the widest detour that a layout can call for"""
 
@@ -36,39 +40,44 @@ _BORDER = 0.3
 def obstruction(spec: ScenarioSpec) -> str | None:
     """Why no path of poses that the team can push leads from the start to the goal of a scenario.
 
-    `start` or `goal` where it is enclosed there, else `blocked`; None where there is a way.
+    `start` or `goal` where it is enclosed there, else `blocked`, or `narrow` where there may be one without room at its
+    sides; None where there is a way.
     """
     floor = floor_of(spec)
     if not floor.obstacles:
         return None
     able = pushing(spec)
-    if _way_around(spec, floor, able) or _way_between(spec, floor, able):
+    if _way_around(spec, floor, able) or _way_with_room(spec, able):
         return None
     if enclosed_start(spec, floor, able):
         return "start"
     if enclosed_goal(spec, floor, able):
         return "goal"
-    return None if way_within(spec, floor, able) else "blocked"
+    return "narrow" if way_within(spec, floor, able) else "blocked"
 
 
 def _way_around(spec: ScenarioSpec, floor: Floor, able: Pushing) -> bool:
-    """Whether there is a way for discs around the bodies."""
+    """Whether there is a way for large discs around the bodies."""
     bodies = outer_discs(spec, able.com)
     grid = _grid(spec, floor, able, bodies, COARSE, 1)
-    return _passable(spec, floor, able, bodies, grid, strict_rules(able, grid), 0.0)
+    return _passable(spec, floor, able, bodies, grid, strict_rules(able, grid, 1), 0.0)
 
 
-def _way_between(spec: ScenarioSpec, floor: Floor, able: Pushing) -> bool:
-    """Whether there is a way for the bodies, as far as some discs and corners show at poses on a grid."""
-    bodies = inner_discs(spec, able.com, 3)
-    grid = _grid(spec, floor, able, bodies, MEDIUM, 1)
-    return _passable(spec, floor, able, bodies, grid, strict_rules(able, grid), 0.0)
+def _way_with_room(spec: ScenarioSpec, able: Pushing) -> bool:
+    """Whether there is a way for the bodies and a few centimetres around them."""
+    bodies = close_discs(spec, able.com)
+    # In this frame the start is on the grid, and some steps are exactly along the object's sides.
+    floor = floor_of(spec, spec.start[2])
+    grid = _grid(spec, floor, able, bodies, FINE, _PARTS)
+    # A goal whose tolerances fit between the poses of the grid is the nearest of them.
+    between = spec.goal.position_tolerance < TRACK * FINE or spec.goal.heading_tolerance < TRACK * grid.bin
+    return _passable(spec, floor, able, bodies, grid, strict_rules(able, grid, 2), TRACK if between else 0.0)
 
 
 def way_within(spec: ScenarioSpec, floor: Floor, able: Pushing) -> bool:
     """Whether there is a way for what is surely within the bodies; the floor has obstacles."""
     bodies = inner_discs(spec, able.com)
-    grid = _grid(spec, floor, able, bodies, FINE, 3)
+    grid = _grid(spec, floor, able, bodies, FINE, _PARTS)
     return _passable(spec, floor, able, shrunk(bodies, grid), grid, lenient_rules(able, grid, 2), TRACK)
 
 
@@ -78,9 +87,10 @@ def _passable(
     goal = spec.goal
     heading = spec.start[2] - floor.bearing
     begin = pose_at(grid, placed((0.0, 0.0, heading), able.com[None])[0], heading)
-    place, heading = (floor.length, 0.0), goal.pose[2] - floor.bearing
-    aim = poses_near(grid, able.com, place, heading, goal.position_tolerance, goal.heading_tolerance, track)
-    return reaches(grid, free_poses(floor, bodies, grid), begin, aim, rules)
+    heading = goal.pose[2] - floor.bearing
+    aim = poses_near(grid, able.com, floor.goal, heading, goal.position_tolerance, goal.heading_tolerance, track)
+    # At the start itself nothing overlaps, however little room there is.
+    return reaches(grid, free_poses(floor, bodies, grid) | begin, begin, aim, rules)
 
 
 def _grid(spec: ScenarioSpec, floor: Floor, able: Pushing, bodies: Bodies, cell: float, parts: int) -> Grid:
@@ -89,7 +99,7 @@ def _grid(spec: ScenarioSpec, floor: Floor, able: Pushing, bodies: Bodies, cell:
     reach = float(np.max(np.linalg.norm(every[:, :2], axis=1) + every[:, 2]))
     places = np.array([place for _, place in floor.obstacles])
     sizes = np.array([[o.radius + np.max(np.linalg.norm(o.vertices, axis=1))] for o, _ in floor.obstacles])
-    ends = np.array([[0.0, 0.0], [floor.length, 0.0]])
+    ends = np.array([np.zeros(2), floor.goal])
     room = reach + _BORDER
     low = np.minimum((places - sizes).min(axis=0), ends.min(axis=0)) - room
     high = np.maximum((places + sizes).max(axis=0), ends.max(axis=0)) + room

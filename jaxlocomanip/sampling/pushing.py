@@ -32,7 +32,10 @@ class Pushing(NamedTuple):
     half: float
     """rad, half the width of the cone of directions"""
     curvature: float
-    """rad/m, most turn per way; infinite for a team that turns the object on the spot"""
+    """rad/m, turn per way, to either side, that it can give an object slid slowly in any of these directions; infinite
+    for a team that turns it on the spot"""
+    bound: float
+    """rad/m, more than which it turns in none of them, not even while it gathers speed or slides to a stop"""
 
 
 def pushing(spec: ScenarioSpec) -> Pushing:
@@ -42,13 +45,16 @@ def pushing(spec: ScenarioSpec) -> Pushing:
     faces = [face_index(robot.face) for robot in spec.robots]
     normals = inward_normals(polygon)[faces]
     low, width = push_cone([math.atan2(y, x) for x, y in normals])
-    arm = math.inf
+    sure, most = math.inf, math.inf
     # Short of half a turn no pushes cancel each other.
     if width < math.pi - 1e-6:
         origins = (polygon[faces] + np.roll(polygon, -1, axis=0)[faces]) / 2.0 - com
         middles = origins[:, 0] * normals[:, 1] - origins[:, 1] * normals[:, 0]
-        arm = max(_arm(normals, middles + offset_limits(spec)), _arm(normals, offset_limits(spec) - middles))
-    return Pushing(com, low + 0.5 * width, 0.5 * width, arm * _turn_per_moment(spec, com))
+        sides = middles + offset_limits(spec), offset_limits(spec) - middles
+        sure = min(_sure_arm(normals, levers) for levers in sides)
+        most = max(_arm(normals, levers) for levers in sides)
+    square = footprint_moments(polygon).mean_radius ** 2
+    return Pushing(com, low + 0.5 * width, 0.5 * width, sure / square, most / square * _inertia_factor(spec, com))
 
 
 def offset_limits(spec: ScenarioSpec) -> Floats:
@@ -77,12 +83,19 @@ def _arm(normals: Floats, levers: Floats) -> float:
     return max(best, 0.0)
 
 
-def _turn_per_moment(spec: ScenarioSpec, com: Floats) -> float:
-    """1/m^2, turn per way for a unit arm.
+def _sure_arm(normals: Floats, levers: Floats) -> float:
+    """m, moment over force that pushes along normals [n, 2] with levers [n] give in every direction between these.
 
-    Besides friction's 1 / rho^2 it has the factor by which an object whose inertia is spread otherwise than its
-    friction may turn more, while it gathers speed or slides to a stop.
+    The most moment for a force is concave in the force, so it is least for its length in one of the outermost
+    directions, where only the robots that push that way have a part in it.
     """
+    across = normals[:, None, 0] * normals[None, :, 1] - normals[:, None, 1] * normals[None, :, 0]
+    ends = [i for i in range(len(normals)) if (across[i] > -1e-9).all() or (across[i] < 1e-9).all()]
+    return max(min(float(levers[np.abs(across[i]) < 1e-9].max()) for i in ends), 0.0)
+
+
+def _inertia_factor(spec: ScenarioSpec, com: Floats) -> float:
+    """By which an object whose inertia is spread otherwise than its friction may turn more while its speed changes."""
     moments = footprint_moments(np.array(spec.object.footprint))
     mass = spec.object.mass if spec.truth.mass is None else spec.truth.mass
     inertia = spec.object.inertia if spec.truth.inertia is None else spec.truth.inertia
@@ -90,4 +103,4 @@ def _turn_per_moment(spec: ScenarioSpec, com: Floats) -> float:
     spread = moments.radius_of_gyration**2
     if inertia is not None:
         spread = max(inertia / mass - float(com @ com), 0.05 * inertia / mass)
-    return max(spread / friction, friction / spread) / friction
+    return max(spread / friction, friction / spread)

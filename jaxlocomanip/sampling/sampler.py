@@ -3,8 +3,8 @@
     spec = sample("standard", seed=0, index=17)        # a ScenarioSpec
     lane = draw(find_study("standard"), 0, 17)         # the same with its arrays and what was rejected on the way
 
-Lane k depends on the study, the seed and k, and on nothing else. An attempt that no planner could solve is drawn anew
-with the next attempt number.
+Lane k depends on the study, the seed and k, and on nothing else. An attempt that is rejected (`feasibility`) is drawn
+anew with the next attempt number.
 """
 
 from __future__ import annotations

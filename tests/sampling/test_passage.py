@@ -2,6 +2,7 @@
 
 import pytest
 
+from jaxlocomanip.robots.model import load_robot
 from jaxlocomanip.sampling.passage import obstruction
 from jaxlocomanip.specification import parse_scenario
 
@@ -19,8 +20,12 @@ def box(x, y, width, height, yaw=0.0):
     return {"shape": "box", "position": [x, y], "size": [width, height], "yaw": yaw}
 
 
+def found(obstacles, **tables):
+    return obstruction(parse_scenario(BASE | {"obstacles": obstacles} | tables))
+
+
 def is_blocked(obstacles, **tables):
-    return obstruction(parse_scenario(BASE | {"obstacles": obstacles} | tables)) is not None
+    return found(obstacles, **tables) is not None
 
 
 def test_open_floors_are_open():
@@ -62,6 +67,27 @@ def test_robots_beside_the_object_need_room_too():
     corridor = divided(0.6, 2.0)
     assert is_blocked(corridor, goal=AHEAD)
     assert not is_blocked(corridor, goal=AHEAD, robots=[{"type": "aliengo", "face": "-x"}])
+
+
+def beside_the_team(room_left):
+    """A corridor 2 m long, so much wider than an object with a robot at its right side."""
+    left, right = 0.25 + 0.5 * room_left, 0.25 + 2.0 * load_robot("aliengo").reach + 0.5 * room_left
+    return room(*[box(2.0, 0.5 * (y + sign * 2.5), 2.0, 2.5 - sign * y) for sign, y in ((1.0, left), (-1.0, -right))])
+
+
+def test_corridors_hardly_wider_than_the_team_are_narrow():
+    alone = {"robots": BASE["robots"][:1], "goal": AHEAD}
+    for room_left in (0.01, 0.02):
+        assert found(beside_the_team(room_left), goal=AHEAD) == "narrow"
+        assert found(divided(0.5 + room_left, 2.0), **alone) == "narrow"
+    assert found(beside_the_team(-0.3), goal=AHEAD) == "blocked"
+    assert found(beside_the_team(0.15), goal=AHEAD) is None
+    assert found(divided(0.5 + 0.15, 2.0), **alone) is None
+
+
+def test_a_start_with_an_obstacle_close_by_is_no_corridor():
+    back = 0.25 + 2.0 * load_robot("aliengo").reach
+    assert found([box(-back - 0.005 - 0.2, 0.0, 0.4, 2.0)]) is None
 
 
 def test_a_team_that_cannot_pull_cannot_back_out():
