@@ -23,7 +23,7 @@ from jaxlocomanip.footprint import placed
 from jaxlocomanip.sampling.bodies import Bodies, close_discs, inner_discs, outer_discs
 from jaxlocomanip.sampling.clearance import TRACK, Floor, floor_of, free_poses, pose_at, poses_near, shrunk
 from jaxlocomanip.sampling.enclosure import enclosed_goal, enclosed_start
-from jaxlocomanip.sampling.flood import HEADINGS, Grid, Rules, lenient_rules, reaches, strict_rules
+from jaxlocomanip.sampling.flood import HEADINGS, Bits, Grid, lenient_rules, reaches, strict_rules
 from jaxlocomanip.sampling.pushing import Pushing, pushing
 from jaxlocomanip.specification import ScenarioSpec
 
@@ -32,7 +32,7 @@ Floats = NDArray[np.floating[Any]]
 COARSE, FINE = 0.125, 0.05
 """m, spacing of the floods"""
 _PARTS = 3
-"""of a fine cell to which bodies are placed"""
+"""of a cell to which bodies are placed"""
 _BORDER = 0.3
 """m of room beyond the widest detour that a layout can call for"""
 
@@ -59,8 +59,9 @@ def obstruction(spec: ScenarioSpec) -> str | None:
 def _way_around(spec: ScenarioSpec, floor: Floor, able: Pushing) -> bool:
     """Whether there is a way for large discs around the bodies."""
     bodies = outer_discs(spec, able.com)
-    grid = _grid(spec, floor, able, bodies, COARSE, 1)
-    return _passable(spec, floor, able, bodies, grid, strict_rules(able, grid, 1), 0.0)
+    grid = _grid(spec, floor, able, bodies, COARSE, _PARTS)
+    begin, aim = _ends(spec, floor, able, grid, 0.0)
+    return reaches(grid, free_poses(floor, bodies, grid), begin, aim, strict_rules(able, grid, 1))
 
 
 def _way_with_room(spec: ScenarioSpec, able: Pushing) -> bool:
@@ -71,26 +72,26 @@ def _way_with_room(spec: ScenarioSpec, able: Pushing) -> bool:
     grid = _grid(spec, floor, able, bodies, FINE, _PARTS)
     # A goal whose tolerances fit between the poses of the grid is the nearest of them.
     between = spec.goal.position_tolerance < TRACK * FINE or spec.goal.heading_tolerance < TRACK * grid.bin
-    return _passable(spec, floor, able, bodies, grid, strict_rules(able, grid, 2), TRACK if between else 0.0)
+    begin, aim = _ends(spec, floor, able, grid, TRACK if between else 0.0)
+    # At the start itself nothing overlaps, however little room there is.
+    return reaches(grid, free_poses(floor, bodies, grid) | begin, begin, aim, strict_rules(able, grid, 2))
 
 
 def way_within(spec: ScenarioSpec, floor: Floor, able: Pushing) -> bool:
     """Whether there is a way for what is surely within the bodies; the floor has obstacles."""
     bodies = inner_discs(spec, able.com)
     grid = _grid(spec, floor, able, bodies, FINE, _PARTS)
-    return _passable(spec, floor, able, shrunk(bodies, grid), grid, lenient_rules(able, grid, 2), TRACK)
+    begin, aim = _ends(spec, floor, able, grid, TRACK)
+    return reaches(grid, free_poses(floor, shrunk(bodies, grid), grid), begin, aim, lenient_rules(able, grid, 2))
 
 
-def _passable(
-    spec: ScenarioSpec, floor: Floor, able: Pushing, bodies: Bodies, grid: Grid, rules: Rules, track: float
-) -> bool:
+def _ends(spec: ScenarioSpec, floor: Floor, able: Pushing, grid: Grid, track: float) -> tuple[Bits, Bits]:
+    """The pose of the start, and those that count as the goal."""
     goal = spec.goal
     heading = spec.start[2] - floor.bearing
     begin = pose_at(grid, placed((0.0, 0.0, heading), able.com[None])[0], heading)
-    heading = goal.pose[2] - floor.bearing
-    aim = poses_near(grid, able.com, floor.goal, heading, goal.position_tolerance, goal.heading_tolerance, track)
-    # At the start itself nothing overlaps, however little room there is.
-    return reaches(grid, free_poses(floor, bodies, grid) | begin, begin, aim, rules)
+    heading, tolerances = goal.pose[2] - floor.bearing, (goal.position_tolerance, goal.heading_tolerance)
+    return begin, poses_near(grid, able.com, floor.goal, heading, *tolerances, track)
 
 
 def _grid(spec: ScenarioSpec, floor: Floor, able: Pushing, bodies: Bodies, cell: float, parts: int) -> Grid:
