@@ -16,7 +16,7 @@ from jax import Array
 from jaxlocomanip.numerics import Floats, pytree, safe_norm, wrap_angle
 from jaxlocomanip.planar.geometry import cross
 from jaxlocomanip.planner.adaptation import ParameterEstimate
-from jaxlocomanip.planner.config import Adaptation
+from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate
 from jaxlocomanip.planner.shapes import Shapes
 
@@ -87,10 +87,15 @@ def watch(before: Breakaway, measured: Array, push: Array, shapes: Shapes, tick:
 
 
 def corrected(
-    estimate: ObjectEstimate, parameters: ParameterEstimate, watched: Breakaway, slips: Array, settings: Adaptation
+    estimate: ObjectEstimate, parameters: ParameterEstimate, watched: Breakaway, slips: Array, config: PlannerConfig
 ) -> tuple[ObjectEstimate, ParameterEstimate]:
-    """Estimates that agree with a slip just seen: the velocity seen, and no more friction than the push."""
-    slips = slips & (settings.breakaway > 0.5)
+    """Estimates that agree with a slip just seen: the velocity seen, and no more friction than the push.
+
+    Only where anything is adapted, and where pushes rise gently before the object breaks away: after a sudden push that
+    of a moment ago says nothing.
+    """
+    adapts = jnp.any(jnp.stack([jnp.asarray(gain) for gain in config.adaptation.gain]) > 0.0)
+    slips = slips & (config.adaptation.breakaway > 0.5) & adapts & (config.safety.enabled > 0.5)
 
     def bounded(psi: Array) -> Array:
         share = jnp.minimum(1.0, watched.push / jnp.maximum(psi[4], 1e-3))

@@ -230,7 +230,7 @@ def observe(
     parameters = adaptation.adapt(state.parameters, slope, horizon.tick, task.model, settings)
     push = breakaway.limit_push(wrench_B, state.parameters.body.com, task.shapes)
     watched, slips = breakaway.watch(state.breakaway, measured.pose, push, task.shapes, horizon.tick)
-    estimate, parameters = breakaway.corrected(estimate, parameters, watched, slips, settings)
+    estimate, parameters = breakaway.corrected(estimate, parameters, watched, slips, config)
     return estimate, parameters, obstacles, force, watched
 
 

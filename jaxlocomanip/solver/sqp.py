@@ -101,7 +101,9 @@ def solve(problem: Problem, x0: Array, iterate: Iterate, options: Options, rival
         return current
 
     def body(carry: Iterate, _: None) -> tuple[Iterate, None]:
-        return _iteration(problem, carry, options, None), None
+        new = _iteration(problem, carry, options, None)
+        # A problem may compute its cost in another precision than that of its states.
+        return jax.tree.map(lambda leaf, old: leaf.astype(old.dtype), new, carry), None
 
     return jax.lax.scan(body, current, None, length=rest)[0]
 

@@ -140,7 +140,7 @@ def test_friction_converges_on_a_pushed_object(make_scenario):
 
     def tick(carry, k):
         state, planner = carry
-        planner_object, parameters, obstacles, force = nmpc.observe(planner, measure(state), task, config)
+        planner_object, parameters, obstacles, force, watched = nmpc.observe(planner, measure(state), task, config)
         speed = 0.3 + 0.15 * jnp.sin(2.0 * k * TICK)
         push = jnp.clip(30.0 + 100.0 * (speed - state.twist[:1]), 0.0, scenario.team.force_max)
         command = dataclasses.replace(planner.command, force=push)
@@ -151,6 +151,7 @@ def test_friction_converges_on_a_pushed_object(make_scenario):
             obstacles=obstacles,
             force=force,
             offset=state.offset,
+            breakaway=watched,
             command=command,
         )
         asked = Push(push, jnp.zeros(1), jnp.zeros(3), jnp.zeros((), bool))

@@ -1,5 +1,7 @@
 """Friction from the moment at which the object breaks away."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -75,10 +77,26 @@ def test_a_slip_lowers_friction_to_the_push_and_never_raises_it(make_scenario):
     before = start_object(jnp.zeros(3))
     state = breakaway.start(jnp.zeros(3))
     for push, slips, share in ((8.0, True, None), (8.0, False, 1.0), (1e3, True, 1.0)):
-        seen = state.__class__(**{**vars(state), "push": jnp.asarray(push), "twist": jnp.array([0.2, 0.0, 0.1])})
-        estimate, after = breakaway.corrected(before, parameters, seen, jnp.asarray(slips), CONFIG.adaptation)
+        seen = dataclasses.replace(state, push=jnp.asarray(push), twist=jnp.array([0.2, 0.0, 0.1]))
+        estimate, after = breakaway.corrected(before, parameters, seen, jnp.asarray(slips), CONFIG)
         expected = push / float(parameters.psi[4]) if share is None else share
         np.testing.assert_allclose(after.psi[4:], expected * parameters.psi[4:], rtol=1e-5)
         np.testing.assert_allclose(after.filtered[4:], expected * parameters.filtered[4:], rtol=1e-5)
         np.testing.assert_allclose(after.psi[:4], parameters.psi[:4])
         assert estimate.twist[0] == pytest.approx(0.2 if slips else 0.0)
+
+
+@pytest.mark.parametrize("part", ["gain", "breakaway", "filter"])
+def test_nothing_is_learnt_of_a_slip_where_it_should_not(make_scenario, part):
+    """Without adaptation, without this part of it, or where pushes may be sudden."""
+    adaptation_settings = {"gain": {"gain": (0.0,) * 6}, "breakaway": {"breakaway": 0.0}}.get(part, {})
+    config = dataclasses.replace(
+        CONFIG,
+        adaptation=dataclasses.replace(CONFIG.adaptation, **adaptation_settings),
+        safety=dataclasses.replace(CONFIG.safety, enabled=0.0 if part == "filter" else 1.0),
+    )
+    parameters = adaptation.start(make_scenario().object, config.adaptation)
+    seen = dataclasses.replace(breakaway.start(jnp.zeros(3)), twist=jnp.ones(3))
+    estimate, after = breakaway.corrected(start_object(jnp.zeros(3)), parameters, seen, jnp.asarray(True), config)
+    np.testing.assert_array_equal(after.psi, parameters.psi)
+    np.testing.assert_array_equal(estimate.twist, 0.0)
