@@ -244,11 +244,13 @@ def test_the_environment_of_the_user_stays(place, monkeypatch):
     cli._set_environment()
     assert os.environ == cache | {
         "PJRT_NPROC": "16",
+        "XLA_FLAGS": f"--xla_force_host_platform_device_count={os.cpu_count()}",
         "JAX_COMPILATION_CACHE_DIR": str(place / "jaxlocomanip" / "xla"),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
     }
     own = {
         "PJRT_NPROC": "4",
+        "XLA_FLAGS": "--xla_cpu_enable_fast_math=false",
         "JAX_COMPILATION_CACHE_DIR": "",
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "9",
     }
