@@ -18,8 +18,6 @@ COSTS = {"guess": 421.20244, "solution": -34.43354}
 """as other solvers find them"""
 TOLERANCE = 1e-3
 """max |step| that ends a cold solve"""
-WHOLE = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
-"""An operation on small arrays is not worth being split over threads; the devices share out the lanes instead."""
 GROUP = 64
 """lanes that a device takes at once: what they need stays in the processor's fast memory"""
 ROOT = Path(__file__).parents[1]
@@ -57,6 +55,7 @@ def run(part: str, repeats: int, calls: int) -> dict[str, Any]:
 
     from benchmarks.push2 import push2
     from benchmarks.push2_model import FastPush2
+    from jaxlocomanip.batch import WHOLE
     from jaxlocomanip.solver import sqp
 
     plain, guess = push2()
@@ -111,6 +110,8 @@ def _throughput(
     import jax.numpy as jnp
     import numpy as np
     from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+    from jaxlocomanip.batch import WHOLE
 
     many = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (lanes, *leaf.shape)), (problem, x0, warm))
     moved = np.random.default_rng(0).uniform(-0.3, 0.3, (lanes, *problem.places.shape))

@@ -31,6 +31,9 @@ from jaxlocomanip.worlds.interface import World
 
 AXIS = "lanes"
 """Name of the devices' axis."""
+WHOLE: dict[str, str | bool] = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
+"""Option of XLA for CPUs: where several devices share the cores, to split each small operation among these as well
+costs a third more."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,9 +127,8 @@ class Runner:
         return self._programs[key]
 
     def _options(self) -> dict[str, str | bool] | None:
-        """Several CPU devices share the cores: splitting each small operation among them as well costs a third more."""
         several_cpus = len(self.devices) > 1 and self.devices[0].platform == "cpu"
-        return {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"} if several_cpus else None
+        return dict(WHOLE) if several_cpus else None
 
     def _one_by_one(self, scenarios: Sequence[Scenario], config: PlannerConfig, seed: int, padding: Padding) -> Outcome:
         """A world that is stepped outside of compiled programs has no batches; its planner still compiles once."""

@@ -10,22 +10,30 @@ import jax.numpy as jnp
 from jax import Array
 from jax.custom_batching import custom_vmap
 
+from jaxlocomanip.numerics import select
+
 GROUP = 16
 """lanes that are computed together"""
 
 
-def where_needed(needed: Array, function: Callable[..., Any], arguments: Any, otherwise: Any) -> Any:
+def where_needed(
+    needed: Array, function: Callable[..., Any], arguments: Any, otherwise: Any, skips: bool = True
+) -> Any:
     """`function(arguments)` where it is needed and `otherwise` elsewhere.
 
     Alone this is `lax.cond`. Under `vmap` a condition would compute the function for every lane; here the lanes that
-    need it are gathered and computed in groups, so that what few lanes need costs little. Not for differentiation.
+    need it are gathered and computed in groups, so that what few lanes need costs little. That cannot be differentiated
+    in reverse mode: for this, `skips=False` computes everywhere and selects.
 
     Args:
       needed: [] bool.
       function: pure function of one pytree.
       arguments: the pytree.
       otherwise: result elsewhere, of the structure, shapes and dtypes of the function's.
+      skips: leave out what is not needed.
     """
+    if not skips:
+        return select(needed, function(arguments), otherwise)
 
     @custom_vmap
     def choose(needed: Array, arguments: Any, otherwise: Any) -> Any:

@@ -141,32 +141,6 @@ def cholesky_solve(factor: Array, rhs: Array) -> Array:
     return jnp.stack(backward)
 
 
-def symmetric_solve(matrix: Array, rhs: Array) -> Array:
-    """Solve A X = rhs for a symmetric, possibly indefinite A [n, n] and rhs [n, m] by L D L', unrolled.
-
-    Pivots keep their sign and are floored in size; they are taken in order, so A needs leading minors that are not
-    zero. A positive definite matrix costs as much as by `cholesky`.
-    """
-    n = matrix.shape[-1]
-    floor = tiny(matrix.dtype)
-    rest, columns, pivots = matrix, [], []
-    for k in range(n):
-        pivot = jnp.where(rest[k, k] < 0.0, -1.0, 1.0) * jnp.maximum(jnp.abs(rest[k, k]), floor)
-        column = ((jnp.arange(n) > k) * rest[:, k]) / pivot
-        columns.append(column)
-        pivots.append(pivot)
-        rest = rest - pivot * column[:, None] * column[None, :]
-    forward: list[Array] = []
-    for i in range(n):
-        done = sum((columns[j][i] * forward[j] for j in range(i)), jnp.zeros_like(rhs[0]))
-        forward.append(rhs[i] - done)
-    backward: list[Array] = [rhs[0]] * n
-    for i in reversed(range(n)):
-        done = sum((columns[i][j] * backward[j] for j in range(i + 1, n)), jnp.zeros_like(rhs[0]))
-        backward[i] = forward[i] / pivots[i] - done
-    return jnp.stack(backward)
-
-
 def projected_least_squares(
     matrix: Array,
     target: Array,

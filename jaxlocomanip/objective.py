@@ -81,8 +81,7 @@ class Losses:
     def each(self, center: Floats, scenarios: Scenario) -> Floats:
         """[B] losses of the settings [n]."""
         values = _values(jnp.asarray(center, jnp.float32), scenarios, *self._given, **self._static)
-        # A lane that is lost altogether counts as very bad, and not more.
-        return np.nan_to_num(np.asarray(values, float), nan=WORST, posinf=WORST, neginf=WORST)
+        return _finite(values)
 
     def mean(self, scenarios: Scenario, center: Floats | None = None) -> float:
         """Mean loss over any number of scenarios, a batch at a time."""
@@ -102,7 +101,12 @@ class Losses:
         rows = np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, 0.0)
         norms = np.linalg.norm(rows, axis=1, keepdims=True)
         rows *= np.minimum(1.0, CLIP / np.maximum(norms, 1e-12))
-        return float(np.nan_to_num(np.asarray(values, float), nan=WORST).mean()), rows.mean(axis=0)
+        return float(_finite(values).mean()), rows.mean(axis=0)
+
+
+def _finite(values: Array) -> Floats:
+    """Losses [B]; a lane that is lost altogether counts as very bad, and not more."""
+    return np.nan_to_num(np.asarray(values, float), nan=WORST, posinf=WORST, neginf=WORST)
 
 
 def _loss_of(

@@ -16,13 +16,11 @@ from jaxlocomanip.numerics import (
     select,
     sine_and_cosine,
     smooth_positive,
-    symmetric_solve,
     tiny,
     wrap_angle,
 )
 
 factor_and_solve = jax.jit(lambda a, b: (cholesky(a), cholesky_solve(cholesky(a), b)))
-solve_symmetric = jax.jit(symmetric_solve)
 RIDGE = 0.05
 
 
@@ -56,16 +54,6 @@ def test_singular_matrix_has_a_finite_factor_of_a_near_matrix(x64, dtype):
         factor, solution = factor_and_solve(jnp.asarray(matrix, dtype), jnp.ones((3, 1), dtype))
         assert np.isfinite(factor).all() and np.isfinite(solution).all()
         assert np.allclose(factor @ factor.T, matrix, rtol=0.0, atol=10.0 * tiny(dtype))
-
-
-@pytest.mark.parametrize("n", range(1, 7))
-def test_symmetric_solve_of_indefinite_matrices_agrees_with_numpy(x64, n):
-    rng = np.random.default_rng(n)
-    rhs = rng.normal(size=(n, 3))
-    for _ in range(5):
-        root = np.tril(rng.normal(size=(n, n)), -1) + np.eye(n)
-        matrix = root @ np.diag(rng.choice([-1.0, 1.0], n) * rng.uniform(0.5, 2.0, n)) @ root.T
-        assert np.allclose(solve_symmetric(jnp.asarray(matrix), jnp.asarray(rhs)), np.linalg.solve(matrix, rhs), 1e-9)
 
 
 def test_indefinite_matrix_has_a_finite_factor():

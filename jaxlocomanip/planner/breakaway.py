@@ -13,19 +13,19 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import Floats, pytree, safe_norm, wrap_angle
+from jaxlocomanip.numerics import Floats, pytree, safe_norm
 from jaxlocomanip.planar.geometry import cross
 from jaxlocomanip.planner.adaptation import ParameterEstimate
-from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.estimation import ObjectEstimate
+from jaxlocomanip.planner.config import Estimation, PlannerConfig
+from jaxlocomanip.planner.estimation import ObjectEstimate, correct_object, start_object
 from jaxlocomanip.planner.shapes import Shapes
 
 SLIP, STILL = 0.15, 0.04
 """m/s, speed above which the object has broken away, and mean speed below which it may be at rest"""
 _ONSET = 0.25
 """s, from the onset of slip until it is seen: the push of then is what friction was"""
-_POSE_GAIN, _TWIST_GAIN = 0.4, 0.1
-"""of the observer: with 5 mm of noise at 50 Hz its velocity has 3 cm/s, and settles in 0.1 s"""
+_OBSERVER = Estimation(pose_gain=0.4, twist_gain=0.1)
+"""with 5 mm of noise at 50 Hz its velocity has 3 cm/s, and settles in 0.1 s"""
 _MEAN, _TRUST = 0.2, 0.3
 """s, over which the mean is taken, and from when on an object seen still is at rest"""
 
@@ -34,10 +34,8 @@ _MEAN, _TRUST = 0.2, 0.3
 class Breakaway:
     """What is watched."""
 
-    pose: Array
-    """[3] by an observer of constant velocity"""
-    twist: Array
-    """[3] likewise"""
+    seen: ObjectEstimate
+    """by an observer of constant velocity"""
     mean: Array
     """[3] of the twist over a while"""
     push: Array
@@ -51,7 +49,7 @@ class Breakaway:
 def start(pose: Array) -> Breakaway:
     """Before the first tick, at rest at a pose [3]."""
     zero = jnp.zeros((), pose.dtype)
-    return Breakaway(pose, jnp.zeros_like(pose), jnp.zeros_like(pose), zero, jnp.ones((), bool), zero)
+    return Breakaway(start_object(pose), jnp.zeros_like(pose), zero, jnp.ones((), bool), zero)
 
 
 def limit_push(wrench_B: Array, com: Array, shapes: Shapes) -> Array:
@@ -73,17 +71,15 @@ def watch(before: Breakaway, measured: Array, push: Array, shapes: Shapes, tick:
     Returns:
       The new state, and [] bool: the object has just been seen to break away.
     """
-    guess = before.pose + tick * before.twist
-    difference = measured - guess
-    innovation = jnp.concatenate([difference[:2], wrap_angle(difference[2:])])
-    twist = before.twist + _TWIST_GAIN / tick * innovation
-    mean = before.mean + tick / (tick + _MEAN) * (twist - before.mean)
-    speed, usual = (safe_norm(jnp.concatenate([v[:2], shapes.torsion_radius * v[2:]])) for v in (twist, mean))
+    guess = before.seen.pose + tick * before.seen.twist
+    seen = correct_object(guess, before.seen.twist, measured, tick, _OBSERVER)
+    mean = before.mean + tick / (tick + _MEAN) * (seen.twist - before.mean)
+    speed, usual = (safe_norm(jnp.concatenate([v[:2], shapes.torsion_radius * v[2:]])) for v in (seen.twist, mean))
     slips = before.waiting & (speed > SLIP)
     still = jnp.where(usual < STILL, before.still + tick, 0.0)
     waiting = jnp.where(before.waiting, ~slips, still > _TRUST)
     lagged = before.push + tick / (tick + _ONSET) * (push - before.push)
-    return Breakaway(guess + _POSE_GAIN * innovation, twist, mean, lagged, waiting, still), slips
+    return Breakaway(seen, mean, lagged, waiting, still), slips
 
 
 def corrected(
@@ -101,5 +97,5 @@ def corrected(
         share = jnp.minimum(1.0, watched.push / jnp.maximum(psi[4], 1e-3))
         return jnp.where(slips, psi.at[4:].multiply(share), psi)
 
-    twist = jnp.where(slips, watched.twist, estimate.twist)
+    twist = jnp.where(slips, watched.seen.twist, estimate.twist)
     return dataclasses.replace(estimate, twist=twist), jax.tree.map(bounded, parameters)

@@ -126,6 +126,11 @@ class Reference:
     replan: float = static(1.0)
     """s, between two path searches"""
 
+    @property
+    def turn_radius(self) -> Number:
+        """m, length of a radian: as long as it takes at the usual speeds."""
+        return self.speed / self.turn_rate
+
 
 @pytree
 class Adaptation:

@@ -130,13 +130,12 @@ def _if_awake(
     progress: Progress, function: Callable[..., T], arguments: tuple[Any, ...], otherwise: T, config: PlannerConfig
 ) -> T:
     """`function(*arguments)` for a team that has not arrived, else `otherwise`."""
-    if config.horizon.rest_skips:
-        return where_needed(~progress.resting, lambda given: function(*given), arguments, otherwise)
-    return select(~progress.resting, function(*arguments), otherwise)
+    skips = config.horizon.rest_skips
+    return where_needed(~progress.resting, lambda given: function(*given), arguments, otherwise, skips)
 
 
 def _search(state: PlannerState, task: Task, config: PlannerConfig) -> tuple[Path, Progress]:
-    body, turn_radius = state.parameters.body, config.reference.speed / config.reference.turn_rate
+    body, turn_radius = state.parameters.body, config.reference.turn_radius
     found = route.plan(
         state.object.pose, task.goal, state.path, state.progress, task.shapes, state.obstacles, body, config
     )

@@ -24,11 +24,10 @@ within which a path may end"""
 BORDER = 1.6
 """m of room around start and goal"""
 
-ANGLES = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-"""of moves"""
+_ANGLES = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
 CELL_MOVES = [
     (int(np.rint(np.cos(a) * r)), int(np.rint(np.sin(a) * r)))
-    for a, r in zip(ANGLES, [1.0, 2.2, 1.4, 2.2] * 4, strict=True)
+    for a, r in zip(_ANGLES, [1.0, 2.2, 1.4, 2.2] * 4, strict=True)
 ]
 """steps of one or two cells in each of the 16 directions"""
 LENGTHS = np.array([np.hypot(*move) for move in CELL_MOVES])
@@ -119,21 +118,3 @@ def _shifted(field: Array, shift: Array) -> Array:
     wide = jax.lax.dynamic_slice(jnp.pad(field, _REACH, mode="edge"), (corner[0], corner[1]), (size + 1, size + 1))
     along = (1.0 - part[0]) * wide[:-1] + part[0] * wide[1:]
     return (1.0 - part[1]) * along[:, :-1] + part[1] * along[:, 1:]
-
-
-def interpolated(value: Array, grid: Grid, pose: Array) -> Array:
-    """Trilinear value at a goal-frame pose [3]; headings wrap."""
-    cell = jnp.clip((pose[:2] - grid.origin) / grid.spacing, 0.0, CELLS - 1.001)
-    low = cell.astype(jnp.int32)
-    part = cell - low
-    bins = pose[2] / TURN
-    lower = jnp.floor(bins)
-    turn = bins - lower
-    k = lower.astype(jnp.int32) % HEADINGS
-
-    def plane(h: Array) -> Array:
-        corner = jax.lax.dynamic_slice(value, (h, low[0], low[1]), (1, 2, 2))[0]
-        along = (1.0 - part[0]) * corner[0] + part[0] * corner[1]
-        return (1.0 - part[1]) * along[0] + part[1] * along[1]
-
-    return (1.0 - turn) * plane(k) + turn * plane((k + 1) % HEADINGS)

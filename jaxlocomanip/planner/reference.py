@@ -82,9 +82,8 @@ def advance(
       tick: s.
       settings: speed, lead, arrival.
     """
-    turn_radius = settings.speed / settings.turn_rate
     error = path.poses - pose
-    distance = jnp.sum(error[:, :2] ** 2, axis=1) + (turn_radius * wrap_angle(error[:, 2])) ** 2
+    distance = jnp.sum(error[:, :2] ** 2, axis=1) + (settings.turn_radius * wrap_angle(error[:, 2])) ** 2
     window = (path.arc >= progress.projected - 1e-4) & (path.arc <= progress.projected + 0.5)
     projected = path.arc[jnp.argmin(jnp.where(window, distance, jnp.inf))]
     projected = jnp.maximum(projected, progress.projected)

@@ -99,8 +99,6 @@ class PathProblem:
     """[3], with the heading nearest to the rough path's end"""
     tolerance: Array
     """[3]"""
-    turn_radius: Array
-    """[] m, length of a radian"""
     step: Array
     """[] m, mean length of a step"""
     cone: Cone
@@ -114,12 +112,11 @@ class PathProblem:
         following = x + jnp.concatenate([rotate(x[2] + 0.5 * move[2], move[:2]), move[2:]])
         per_step = jnp.sqrt(2.0 / self.step)
         way = jnp.concatenate([move[:2], data.turning * move[2:]])
+        length = safe_norm(jnp.concatenate([move[:2], self.config.reference.turn_radius * move[2:]]))
         residual = jnp.concatenate(
             [
                 per_step * way,
-                jnp.sqrt(_EVENLY)
-                * per_step
-                * (safe_norm(jnp.concatenate([move[:2], self.turn_radius * move[2:]])) - self.step)[None],
+                jnp.sqrt(_EVENLY) * per_step * (length - self.step)[None],
                 jnp.sqrt(_EFFORT) * per_step * u,
                 jnp.sqrt(_GUESS * self.step) * (x - data.guess),
             ]
@@ -246,7 +243,7 @@ def refine(
       body: the object as estimated.
       config: settings.
     """
-    turn_radius = config.reference.speed / config.reference.turn_rate
+    turn_radius = config.reference.turn_radius
     guess, arc = resample(rough, turn_radius, STEPS + 1)
     cone, step = cone_of(shapes, body), jnp.maximum(arc[-1] / STEPS, 1e-3)
     turns = jnp.rint((guess[-1, 2] - goal.pose[2]) / (2.0 * jnp.pi))
@@ -255,9 +252,7 @@ def refine(
     time = jnp.minimum(arc[:-1] / config.reference.speed, 3.0)
     stages = PathStage(guess[:-1], turn_radius * jnp.sqrt(1.0 + _LATE * closeness), time)
     tolerance = jnp.stack([goal.position_tolerance, goal.position_tolerance, goal.heading_tolerance])
-    problem = PathProblem(
-        stages, end, tolerance, jnp.asarray(turn_radius, step.dtype), step, cone, shapes, obstacles, config
-    )
+    problem = PathProblem(stages, end, tolerance, step, cone, shapes, obstacles, config)
     weight = jnp.stack([jnp.ones_like(step), jnp.ones_like(step), jnp.asarray(turn_radius, step.dtype)])
 
     def split(a: Array, b: Array) -> Array:

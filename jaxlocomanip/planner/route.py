@@ -6,7 +6,6 @@ estimate do not turn a team around. The path is held fixed when gradients are ta
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -57,6 +56,7 @@ def plan(
     pose, path, progress = jax.lax.stop_gradient((pose, path, progress))
     given = jax.lax.stop_gradient((goal, shapes, obstacles, body, config))
     goal, shapes, obstacles, body, config = given
+    skips = config.horizon.rest_skips
     ahead = jnp.linspace(0.0, 1.0, ROUGH, dtype=pose.dtype) * (path.length - progress.projected)
     rest = path.at(progress.projected + ahead).at[0].set(pose)
 
@@ -65,8 +65,8 @@ def plan(
 
     def consider(carry: tuple[Refined, Array], anew: Array) -> tuple[tuple[Refined, Array], None]:
         best, needed = carry
-        rough = jax.lax.cond(anew, lambda: _where(needed, search, (pose, *given), rest, config), lambda: rest)
-        found = _where(needed, lambda arguments: refine(*arguments), (rough, *given), best, config)
+        rough = jax.lax.cond(anew, lambda: where_needed(needed, search, (pose, *given), rest, skips), lambda: rest)
+        found = where_needed(needed, lambda arguments: refine(*arguments), (rough, *given), best, skips)
         best = select(needed & (found.cost < _SHARE * best.cost - _LESS), found, best)
         return (best, _wants_rival(best, path, progress, goal, shapes, config)), None
 
@@ -90,10 +90,3 @@ def _wants_rival(
     )
     moving = jnp.any(shapes.obstacle_dynamic & shapes.obstacle_mask)
     return worse | moving | (off > config.reference.arrive)
-
-
-def _where(needed: Array, function: Callable[[Any], Any], arguments: Any, otherwise: Any, config: PlannerConfig) -> Any:
-    """`where_needed`, or its plain form where gradients are taken."""
-    if config.horizon.rest_skips:
-        return where_needed(needed, function, arguments, otherwise)
-    return select(needed, function(arguments), otherwise)

@@ -42,7 +42,7 @@ def search_poses(
     given = jax.lax.stop_gradient((start, target, shapes, obstacles, body, config))
     start, target, shapes, obstacles, body, config = given
     goal = target.pose
-    turn_radius = config.reference.speed / config.reference.turn_rate
+    turn_radius = config.reference.turn_radius
     local = jnp.concatenate([rotate(-goal[2], start[:2] - goal[:2]), wrap_angle(start[2:] - goal[2:])])
     grid = lay_grid(local)
     near = clearance(grid, local, goal, shapes, obstacles, config)

@@ -19,6 +19,10 @@ RAMP = 30.0  # N/s
 watch = jax.jit(breakaway.watch)
 
 
+def moving(estimate, twist):
+    return dataclasses.replace(estimate, twist=jnp.asarray(twist))
+
+
 @pytest.fixture
 def ramped(make_scenario):
     """A function: what is seen of an object at rest under a push that rises, with noise; (time, push, state, slip)."""
@@ -77,7 +81,7 @@ def test_a_slip_lowers_friction_to_the_push_and_never_raises_it(make_scenario):
     before = start_object(jnp.zeros(3))
     state = breakaway.start(jnp.zeros(3))
     for push, slips, share in ((8.0, True, None), (8.0, False, 1.0), (1e3, True, 1.0)):
-        seen = dataclasses.replace(state, push=jnp.asarray(push), twist=jnp.array([0.2, 0.0, 0.1]))
+        seen = dataclasses.replace(state, push=jnp.asarray(push), seen=moving(state.seen, [0.2, 0.0, 0.1]))
         estimate, after = breakaway.corrected(before, parameters, seen, jnp.asarray(slips), CONFIG)
         expected = push / float(parameters.psi[4]) if share is None else share
         np.testing.assert_allclose(after.psi[4:], expected * parameters.psi[4:], rtol=1e-5)
@@ -96,7 +100,8 @@ def test_nothing_is_learnt_of_a_slip_where_it_should_not(make_scenario, part):
         safety=dataclasses.replace(CONFIG.safety, enabled=0.0 if part == "filter" else 1.0),
     )
     parameters = adaptation.start(make_scenario().object, config.adaptation)
-    seen = dataclasses.replace(breakaway.start(jnp.zeros(3)), twist=jnp.ones(3))
+    state = breakaway.start(jnp.zeros(3))
+    seen = dataclasses.replace(state, seen=moving(state.seen, [1.0, 1.0, 1.0]))
     estimate, after = breakaway.corrected(start_object(jnp.zeros(3)), parameters, seen, jnp.asarray(True), config)
     np.testing.assert_array_equal(after.psi, parameters.psi)
     np.testing.assert_array_equal(estimate.twist, 0.0)
