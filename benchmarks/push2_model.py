@@ -11,9 +11,9 @@ from jax import Array
 
 from benchmarks import push2
 from benchmarks.push2 import BARRIERS, BOUNDS, DT, INERTIA, MASS, NX, NZ, Push2, barrier
-from jaxlocomanip.numerics import pytree, sine_and_cosine
+from jaxlocomanip.numerics import apart, pytree, sine_and_cosine
 from jaxlocomanip.planar.vector import Vector
-from jaxlocomanip.solver.layout import added, apart, lanes_last, stages_inside
+from jaxlocomanip.solver.layout import added, lanes_last, stages_inside
 from jaxlocomanip.solver.ocp import Plan, StageModel
 
 OBSTACLES, CONDITIONS = 2, 6

@@ -12,12 +12,17 @@ from jax.custom_batching import custom_vmap
 
 from jaxlocomanip.numerics import select
 
-GROUP = 16
-"""lanes that are computed together"""
+GROUP, WIDE = 16, 256
+"""lanes that are computed together, on a CPU and on an accelerator"""
 
 
 def where_needed(
-    needed: Array, function: Callable[..., Any], arguments: Any, otherwise: Any, skips: bool = True
+    needed: Array,
+    function: Callable[..., Any],
+    arguments: Any,
+    otherwise: Any,
+    skips: bool = True,
+    group: int = GROUP,
 ) -> Any:
     """`function(arguments)` where it is needed and `otherwise` elsewhere.
 
@@ -31,6 +36,8 @@ def where_needed(
       arguments: the pytree.
       otherwise: result elsewhere, of the structure, shapes and dtypes of the function's.
       skips: leave out what is not needed.
+      group: lanes that a CPU computes together. More than needed are computed where their number is no multiple of it,
+        so that one is best for long work that is as fast for a single lane; small operations take many lanes.
     """
     if not skips:
         return select(needed, function(arguments), otherwise)
@@ -45,20 +52,31 @@ def where_needed(
             jax.tree.map(lambda leaf, has: leaf if has else jnp.broadcast_to(leaf, (size, *jnp.shape(leaf))), tree, has)
             for tree, has in ((needed, batched[0]), (otherwise, batched[2]))
         )
+        if size == 1:
+            # In a loop over one lane nothing depends on the loop: the compiler would compute it in any case.
+            only = jax.tree.map(lambda leaf, has: leaf[0] if has else leaf, arguments, batched[1])
+            done = choose(flags[0], only, jax.tree.map(lambda leaf: leaf[0], others))
+            return jax.tree.map(lambda leaf: leaf[None], done), jax.tree.map(lambda _: True, otherwise)
         leaves, structure = jax.tree.flatten(arguments)
         has_lanes = jax.tree.leaves(batched[1])
-        done = _in_groups(flags, leaves, has_lanes, lambda values: function(structure.unflatten(values)), others)
+        together = min(size, group if jax.default_backend() == "cpu" else WIDE)
+        over = lambda values: function(structure.unflatten(values))  # noqa: E731
+        done = _in_groups(flags, leaves, has_lanes, over, others, together)
         return done, jax.tree.map(lambda _: True, otherwise)
 
     return choose(needed, arguments, otherwise)
 
 
 def _in_groups(
-    needed: Array, leaves: list[Array], has_lanes: list[bool], function: Callable[[list[Array]], Any], results: Any
+    needed: Array,
+    leaves: list[Array],
+    has_lanes: list[bool],
+    function: Callable[[list[Array]], Any],
+    results: Any,
+    group: int,
 ) -> Any:
     """The results [B, ...], overwritten where needed [B], a group of lanes at a time."""
     size = needed.shape[0]
-    group = min(GROUP, size)
     # Lanes in need come first; a last group that is not full is filled with lanes whose results are thrown away.
     order = jnp.argsort(~needed, stable=True)
     order = jnp.concatenate([order, jnp.full(group, size, order.dtype)])

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, TypeVar, dataclass_transform
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar, dataclass_transform
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.experimental.xla_metadata import set_xla_metadata
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 Floats = Array | float
@@ -39,6 +42,22 @@ def static(default: Any) -> Any:
 def tiny(dtype: Any) -> float:
     """Smallest pivot, divisor or squared length trusted in `dtype`; the one source of such floors."""
     return 1e-12 if jnp.dtype(dtype).itemsize >= 8 else 1e-7
+
+
+def apart(function: Callable[P, T]) -> Callable[P, T]:
+    """The same function, compiled apart from what surrounds it, for its results to be computed once and kept.
+
+    Left to itself, XLA on a CPU merges sums of products into whatever reads them and computes them anew for every
+    reader: a chain of three small matrix products then costs hundreds. It merges nothing across such a call.
+    """
+    compiled = jax.jit(function)
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+        with set_xla_metadata(inlineable="false"):
+            return compiled(*args, **kwargs)
+
+    return call
 
 
 def host_array(value: Any) -> Any:

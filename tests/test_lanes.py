@@ -61,3 +61,24 @@ def test_few_lanes_in_need_are_few_evaluations():
     jax.block_until_ready(jax.jit(jax.vmap(one))(needed, jnp.arange(float(size))))
     jax.effects_barrier()
     assert len(calls) <= GROUP
+
+
+def test_in_a_batch_of_one_it_is_a_condition():
+    """The compiler moves what does not depend on a loop out of it, and would then compute it in any case."""
+
+    def one(needed, x):
+        return where_needed(needed, lambda x: jnp.sin(x) @ x, x, jnp.zeros(()))
+
+    program = jax.jit(jax.vmap(one)).lower(jnp.ones(1, bool), jnp.ones((1, 50))).compile()
+    if jax.default_backend() == "cpu":
+        main = program.as_text().split("ENTRY")[1]
+        assert "conditional(" in main and "sine" not in main and " dot(" not in main
+    for needed in (True, False):
+        found = program(jnp.asarray([needed]), jnp.ones((1, 50)))
+        assert found[0] == pytest.approx(50.0 * np.sin(1.0) if needed else 0.0, rel=1e-5)
+
+
+def test_lanes_can_be_taken_one_by_one():
+    needed, x = jnp.asarray([True, False, True, True]), jnp.arange(8.0).reshape(4, 2)
+    found = jax.vmap(lambda n, v: where_needed(n, jnp.sum, v, jnp.full((), -1.0), group=1))(needed, x)
+    assert found.tolist() == [1.0, -1.0, 9.0, 13.0]

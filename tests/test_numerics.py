@@ -9,6 +9,7 @@ import pytest
 
 from jaxlocomanip.numerics import (
     all_finite,
+    apart,
     cholesky,
     cholesky_solve,
     projected_least_squares,
@@ -177,3 +178,16 @@ def test_sine_and_cosine_in_double_precision(x64):
     angle = jnp.linspace(-7.0, 7.0, 101)
     sine, cosine = sine_and_cosine(angle)
     assert (sine == jnp.sin(angle)).all() and (cosine == jnp.cos(angle)).all()
+
+
+def test_apart_keeps_names_values_and_a_call_of_its_own():
+    @apart
+    def squared(x):
+        """Of a number."""
+        return x * x
+
+    assert squared.__name__ == "squared" and squared.__doc__ == "Of a number."
+    program = jax.jit(lambda x: squared(squared(x) + 1.0)).lower(jnp.ones(100)).compile()
+    assert (program(jnp.full(100, 2.0)) == 25.0).all()
+    if jax.default_backend() == "cpu":
+        assert program.as_text().count(" call(") == 2

@@ -7,11 +7,13 @@ kinds stack into one array. Distances are negative inside.
 
 from __future__ import annotations
 
+from functools import reduce
+
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import Floats, pytree, safe_norm, sine_and_cosine, tiny
+from jaxlocomanip.numerics import Floats, apart, pytree, safe_norm, sine_and_cosine, tiny
 from jaxlocomanip.planar.vector import Vector, choose, vector, vectors
 
 
@@ -176,20 +178,32 @@ def polygon_distance(a: Array, radius_a: Floats, b: Array, radius_b: Floats) -> 
     Exact while their polygons are apart; when they overlap, minus the least translation that separates them along a
     face normal of either.
     """
+    return outline_distance(outline(vectors(a)), outline(vectors(b))) - radius_a - radius_b
 
-    def separation(p: Array, q: Array) -> tuple[Array, Array]:
-        edges, normals, _, valid = _edges(p)
-        offset = q[None, :, :] - p[:, None, :]
-        planes = jnp.einsum("vwi,vi->vw", offset, normals)
-        axis = jnp.max(jnp.where(valid, jnp.min(planes, axis=1), -jnp.inf))
-        squared_length = jnp.maximum(jnp.sum(edges * edges, axis=1), tiny(p.dtype))
-        along = jnp.clip(jnp.einsum("vwi,vi->vw", offset, edges) / squared_length[:, None], 0.0, 1.0)
-        gaps = offset - along[:, :, None] * edges[:, None, :]
-        return axis, jnp.min(safe_norm(gaps))
 
-    axis_a, gap_a = separation(a, b)
-    axis_b, gap_b = separation(b, a)
-    deepest = jnp.maximum(axis_a, axis_b)
-    apart = jnp.minimum(gap_a, gap_b)
-    overlap = jnp.isfinite(deepest) & (deepest < 0.0)
-    return jnp.where(overlap, deepest, apart) - radius_a - radius_b
+def outline_distance(a: Outline, b: Outline) -> Array:
+    """`polygon_distance` [...] of polygons without rounding, whose leaves [V, ...] and [W, ...] broadcast."""
+    (axis_a, squared_a), (axis_b, squared_b) = (_best(*_pairs(*of)) for of in ((a, b.corner), (b, a.corner)))
+    deepest, squared = jnp.maximum(axis_a, axis_b), jnp.minimum(squared_a, squared_b)
+    overlap = (deepest > -jnp.inf) & (deepest < 0.0)
+    floor = tiny(squared.dtype) ** 2
+    away = ~overlap & (squared > floor)
+    return jnp.where(overlap, deepest, jnp.where(away, jnp.sqrt(jnp.where(away, squared, 1.0)), 0.0))
+
+
+@apart
+def _pairs(shape: Outline, points: Vector) -> tuple[Array, Array]:
+    """[V, W, ...] heights of points [W, ...] above the lines of edges, and squared distances to the edges."""
+    shape = jax.tree.map(lambda leaf: leaf[:, None], shape)
+    offset = Vector(points.x[None], points.y[None]) - shape.corner
+    height = jnp.where(shape.valid, offset.dot(shape.normal), -jnp.inf)
+    gap = offset - shape.edge * jnp.clip(offset.dot(shape.edge) * shape.inverse, 0.0, 1.0)
+    return height, gap.dot(gap)
+
+
+@apart
+def _best(height: Array, squared: Array) -> tuple[Array, Array]:
+    """How far all points lie beyond the line of some edge, at most, and the least squared distance; both [...]."""
+    # Not by reductions over the first axes, which would not run along the last.
+    beyond = [reduce(jnp.minimum, [*by_point]) for by_point in height]
+    return reduce(jnp.maximum, beyond), reduce(jnp.minimum, [one for by_point in squared for one in by_point])

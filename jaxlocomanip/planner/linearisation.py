@@ -4,7 +4,7 @@ Most inequalities are bounds on single variables and the tracking cost is diagon
 and a barrier condition depends on the centre, velocity and acceleration of one disc. Differentiating those small
 pieces and composing them costs a fraction of forward differentiation of the whole stage, and gives the same numbers
 (tests hold them together). Variables are z = [p, theta, v, omega, d, f, ddot]; arrays have stages last. What several
-pieces read is computed apart from them (`solver.layout`).
+pieces read is computed apart from them (`numerics.apart`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import pytree
+from jaxlocomanip.numerics import apart, pytree
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.geometry import Feature, cross
 from jaxlocomanip.planar.vector import Vector, trailing, unit, vector
@@ -24,7 +24,7 @@ from jaxlocomanip.planner import barriers, constraints
 from jaxlocomanip.planner.barriers import Approach, DiscMotion, Discs
 from jaxlocomanip.planner.constraints import Motion
 from jaxlocomanip.planner.penalty import relaxed_barrier
-from jaxlocomanip.solver.layout import added, apart
+from jaxlocomanip.solver.layout import added
 from jaxlocomanip.solver.ocp import Penalty, StageModel
 
 if TYPE_CHECKING:

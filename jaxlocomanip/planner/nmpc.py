@@ -13,7 +13,7 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.lanes import where_needed
+from jaxlocomanip.lanes import GROUP, where_needed
 from jaxlocomanip.numerics import T, pytree, select, wrap_angle
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planner import adaptation, breakaway, estimation, path, reference, route, safety
@@ -122,16 +122,21 @@ def replan(state: PlannerState, task: Task, config: PlannerConfig) -> PlannerSta
     A team that has arrived keeps its path.
     """
     kept = (state.path, state.progress)
-    path, progress = _if_awake(state.progress, _search, (state, task, config), kept, config)
+    path, progress = _if_awake(state.progress, _search, (state, task, config), kept, config, group=1)
     return dataclasses.replace(state, path=path, progress=progress)
 
 
 def _if_awake(
-    progress: Progress, function: Callable[..., T], arguments: tuple[Any, ...], otherwise: T, config: PlannerConfig
+    progress: Progress,
+    function: Callable[..., T],
+    arguments: tuple[Any, ...],
+    otherwise: T,
+    config: PlannerConfig,
+    group: int = GROUP,
 ) -> T:
     """`function(*arguments)` for a team that has not arrived, else `otherwise`."""
     skips = config.horizon.rest_skips
-    return where_needed(~progress.resting, lambda given: function(*given), arguments, otherwise, skips)
+    return where_needed(~progress.resting, lambda given: function(*given), arguments, otherwise, skips, group)
 
 
 def _search(state: PlannerState, task: Task, config: PlannerConfig) -> tuple[Path, Progress]:

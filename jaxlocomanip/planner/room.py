@@ -1,17 +1,25 @@
-"""Room around true shapes, and how fast robots may slide along their faces without using it up."""
+"""Room around true shapes, and how fast robots may slide along their faces without using it up.
+
+Poses and contact offsets are looked at many at a time, side by side along the last axis, so that every operation on a
+component is one long loop.
+"""
 
 from __future__ import annotations
+
+import dataclasses
+from functools import reduce
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import Floats
-from jaxlocomanip.planar.geometry import perpendicular, polygon_distance, rectangle, rotate, transform
+from jaxlocomanip.numerics import Floats, pytree
+from jaxlocomanip.planar.geometry import outline, outline_distance
+from jaxlocomanip.planar.vector import Vector, unit, vector
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.scenario import Team
+from jaxlocomanip.solver.layout import added
 
 ROOM_RATE = 4.0
 """1/s, of the barrier conditions on room"""
@@ -21,31 +29,130 @@ FAR = 1e3
 """m, room where there is nothing to hit"""
 
 
-def rooms_at(pose: Array, offset: Array, obstacles: Array, shapes: Shapes, config: PlannerConfig) -> Array:
-    """[3] m, room of the true shapes: object and robots to obstacles at [N_o, 2], and robots to each other."""
-    team = shapes.team
-    offset = jnp.clip(offset, -team.offset_limit, team.offset_limit)
-    outline = transform(pose, shapes.object_vertices)
-    object_gap = jnp.where(config.protection.object > 0.5, _room(outline, obstacles, shapes), FAR)
-    robot_gap = jnp.where(config.protection.robots > 0.5, jnp.min(robot_rooms(pose, offset, obstacles, shapes)), FAR)
-    # Robots whose faces move aside faster than they can walk come into each other's way.
-    team_gap = jnp.min(team.pair_bounds - team.pair_rows @ offset, initial=FAR)
-    return jnp.stack([object_gap, robot_gap, team_gap])
+@pytree
+class Bodies:
+    """What is kept clear of obstacles."""
+
+    team: Team
+    object_vertices: Array
+    """[V, 2] m, body frame"""
+    obstacle_vertices: Array
+    """[N_o, W, 2] m"""
+    obstacle_radius: Array
+    """[N_o] m"""
+    obstacle_mask: Array
+    """[N_o] bool"""
+    protected: Array
+    """[2] bool: object, robots"""
 
 
-def robot_rooms(pose: Array, offset: Array, obstacles: Array, shapes: Shapes) -> Array:
-    """[N_r] m, room of each robot's true shape to obstacles at [N_o, 2]."""
-    team = shapes.team
-    robots = jax.vmap(rectangle)(team.robot_poses(pose, offset), team.half_length, team.half_width)
-    return jax.vmap(lambda body: _room(body, obstacles, shapes))(robots)
-
-
-def _room(body: Array, obstacles: Array, shapes: Shapes) -> Array:
-    """[] m, signed distance of a polygon [V, 2] to the nearest obstacle."""
-    each = jax.vmap(lambda at, v, r: polygon_distance(body, 0.0, at + v, r))(
-        obstacles, shapes.obstacle_vertices, shapes.obstacle_radius
+def bodies_of(shapes: Shapes, config: PlannerConfig) -> Bodies:
+    """The bodies that a configuration protects."""
+    protection = config.protection
+    return Bodies(
+        shapes.team,
+        shapes.object_vertices,
+        shapes.obstacle_vertices,
+        shapes.obstacle_radius,
+        shapes.obstacle_mask,
+        jnp.stack([jnp.asarray(protection.object), jnp.asarray(protection.robots)]) > 0.5,
     )
-    return jnp.min(jnp.where(shapes.obstacle_mask, each, FAR))
+
+
+def rooms_at(poses: Array, offsets: Array, places: Array, bodies: Bodies) -> Array:
+    """[3, n] m, room of the true shapes: object and robots to obstacles, and robots to each other.
+
+    Args:
+      poses: [3, n] of the object.
+      offsets: [N_r, n] m.
+      places: [N_o, 2, n] m, of the obstacles.
+      bodies: the shapes.
+    """
+    team = bodies.team
+    offsets = jnp.clip(offsets, -team.offset_limit[:, None], team.offset_limit[:, None])
+    object_gap, *robot_gaps = _to_obstacles(poses, offsets, places, bodies)
+    # Robots whose faces move aside faster than they can walk come into each other's way.
+    pairs = [
+        team.pair_bounds[p] - added([row * offset for row, offset in zip(team.pair_rows[p], offsets, strict=True)])
+        for p in range(team.pair_bounds.shape[0])
+    ]
+    far = jnp.full_like(object_gap, FAR)
+    return jnp.stack(
+        [
+            jnp.where(bodies.protected[0], object_gap, far),
+            jnp.where(bodies.protected[1], reduce(jnp.minimum, robot_gaps), far),
+            reduce(jnp.minimum, pairs, far),
+        ]
+    )
+
+
+def robot_rooms(poses: Array, offsets: Array, places: Array, bodies: Bodies) -> Array:
+    """[N_r, n] m, room of each robot's true shape to the obstacles; arguments as in `rooms_at`."""
+    return _to_obstacles(poses, offsets, places, bodies)[1:]
+
+
+def _to_obstacles(poses: Array, offsets: Array, places: Array, bodies: Bodies) -> Array:
+    """[1 + N_r, n] m, signed distance of object and robots to the nearest obstacle."""
+    moving = outline(_corners(poses, offsets, bodies))
+    vertices = jnp.moveaxis(bodies.obstacle_vertices, 1, 0)
+    standing = outline(Vector(vertices[:, :, 0], vertices[:, :, 1]))
+    # Leaves [corner, 1 + N_r, N_o, n]. As seen from the obstacles, so that their edges are computed once.
+    moving, standing = (
+        jax.tree.map(lambda leaf: leaf[:, :, None], moving),
+        jax.tree.map(lambda leaf: leaf[:, None, :, None], standing),
+    )
+    seen = dataclasses.replace(moving, corner=moving.corner - Vector(places[:, 0], places[:, 1]))
+    each = outline_distance(seen, standing)
+    each = jnp.where(bodies.obstacle_mask[:, None], each - bodies.obstacle_radius[:, None], FAR)
+    return reduce(jnp.minimum, [each[:, o] for o in range(each.shape[1])])
+
+
+def _corners(poses: Array, offsets: Array, bodies: Bodies) -> Vector:
+    """Corners [V, 1 + N_r, n] of object and robots; polygons of fewer corners repeat their last."""
+    team = bodies.team
+    normal, origin = side_by_side(team.normal), side_by_side(team.origin)
+    tangent = normal.turned
+    reach, length, width = (leaf[:, None] for leaf in (team.reach, team.half_length, team.half_width))
+    middle = origin + tangent * offsets - normal * reach
+    ends, sides = normal * length, tangent * width
+    robots = [middle - ends - sides, middle + ends - sides, middle + ends + sides, middle - ends + sides]
+    footprint = side_by_side(bodies.object_vertices)
+    whole = jnp.zeros_like(offsets[0])
+    count = max(bodies.object_vertices.shape[0], len(robots))
+    corners = []
+    for v in range(count):
+        own, robot = footprint[min(v, bodies.object_vertices.shape[0] - 1)], robots[min(v, len(robots) - 1)]
+        corners.append(jax.tree.map(lambda a, b: jnp.concatenate([(a + whole)[None], b]), own, robot))
+    every = jax.tree.map(lambda *leaves: jnp.stack(leaves), *corners)
+    return every.rotated(unit(poses[2])) + vector(poses)
+
+
+def side_by_side(array: Array) -> Vector:
+    """Components [k, 1] of an array [k, 2], to go with poses side by side."""
+    return Vector(array[:, 0, None], array[:, 1, None])
+
+
+def slide_limits(pose: Array, offset: Array, places: Array, shapes: Shapes, config: PlannerConfig) -> Array:
+    """[2, N_r] m/s, fastest offset rates downwards and upwards with which no robot walks into an obstacle.
+
+    The same barrier condition as `keep_room`, on the room of each robot by itself. It is asked of single robots
+    because candidates move all at once: of two robots between obstacles one would give way at the other's cost, to and
+    fro.
+
+    Args:
+      pose: [3] of the object.
+      offset: [N_r] m.
+      places: [N_o, 2] m, of the obstacles.
+      shapes: geometry.
+      config: settings.
+    """
+    limit = shapes.team.offset_limit
+    offsets = [offset, *(jnp.clip(offset + step, -limit, limit) for step in (-AHEAD, AHEAD))]
+    rooms = robot_rooms(pose[:, None], jnp.stack(offsets, axis=1), places[:, :, None], bodies_of(shapes, config))
+    now, then = rooms[:, 0], rooms[:, 1:].T
+    closing = jnp.maximum(now - then, 0.0) / AHEAD
+    rates = ROOM_RATE * jnp.maximum(now - config.safety.margin, 0.0) / jnp.maximum(closing, 1e-3)
+    return jnp.where((config.safety.enabled > 0.5) & (config.protection.robots > 0.5), rates, jnp.inf)
 
 
 def keep_room(offset: Array, rate: Array, team: Team, margin: Floats) -> Array:
@@ -58,27 +165,3 @@ def keep_room(offset: Array, rate: Array, team: Team, margin: Floats) -> Array:
         excess = row @ rate - ROOM_RATE * (team.pair_bounds[i] - margin - row @ offset)
         rate = rate - row * jnp.maximum(excess, 0.0) / jnp.maximum(row @ row, 1.0)
     return rate
-
-
-def keep_clear(
-    pose: Array, offset: Array, rate: Array, obstacles: ObstacleEstimate, shapes: Shapes, config: PlannerConfig
-) -> Array:
-    """Offset rates [N_r] nearest to `rate` with which no robot walks into an obstacle, each for itself.
-
-    The same barrier condition as `keep_room`, on the room of each robot. It is asked of single robots because
-    candidates move all at once: of two robots between obstacles one would give way at the other's cost, to and fro.
-    """
-    ahead = jnp.clip(offset + AHEAD * jnp.sign(rate), -shapes.team.offset_limit, shapes.team.offset_limit)
-    now, then = (robot_rooms(pose, d, obstacles.position, shapes) for d in (offset, ahead))
-    closing = jnp.maximum(now - then, 0.0) / AHEAD
-    fastest = ROOM_RATE * jnp.maximum(now - config.safety.margin, 0.0) / jnp.maximum(closing, 1e-3)
-    fastest = jnp.where((config.safety.enabled > 0.5) & (config.protection.robots > 0.5), fastest, jnp.inf)
-    return jnp.clip(rate, -fastest, fastest)
-
-
-def slip(pose: Array, twist: Array, offset: Array, rate: Array, team: Team) -> Array:
-    """[N_r] m/s, offset rates beyond the commanded ones: faces that move aside faster than a robot walks slip away."""
-    points = team.contact_points(offset)
-    velocity_B = rotate(-pose[2], twist[:2]) + twist[2] * perpendicular(points)
-    walk = rate + jnp.sum(velocity_B * team.tangent, axis=-1)
-    return jnp.clip(walk, -team.slide_speed_max, team.slide_speed_max) - walk

@@ -9,34 +9,13 @@ entry is one long loop over contiguous numbers. Functions here and in `riccati` 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import wraps
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.custom_batching import custom_vmap
 from jax.experimental.layout import Layout, with_layout_constraint
-from jax.experimental.xla_metadata import set_xla_metadata
-
-P = ParamSpec("P")
-R = TypeVar("R")
-
-
-def apart(function: Callable[P, R]) -> Callable[P, R]:
-    """The same function, compiled apart from what surrounds it, for its results to be computed once and kept.
-
-    Left to itself, XLA on a CPU merges sums of products into whatever reads them and computes them anew for every
-    reader: a chain of three small matrix products then costs hundreds. It merges nothing across such a call.
-    """
-    compiled = jax.jit(function)
-
-    @wraps(function)
-    def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        with set_xla_metadata(inlineable="false"):
-            return compiled(*args, **kwargs)
-
-    return call
 
 
 def lanes_last(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -15,8 +15,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import Floats, pytree, tiny
-from jaxlocomanip.solver.layout import apart, applied, lanes_last, times, transposed_applied, transposed_times
+from jaxlocomanip.numerics import Floats, apart, pytree, tiny
+from jaxlocomanip.solver.layout import applied, lanes_last, times, transposed_applied, transposed_times
 
 
 @pytree

@@ -193,9 +193,14 @@ def test_no_robot_slides_into_an_obstacle_for_the_sake_of_another(scene):
     scenario = scene(face=0.45)
     shapes = shapes_of(scenario)
     places = scenario.obstacles.position
-    seen = ObstacleEstimate(places, jnp.zeros_like(places), jnp.zeros((places.shape[0], 3)))
-    keep = jax.jit(lambda d, r: room.keep_clear(jnp.zeros(3), d, r, seen, shapes, CONFIG))
-    near = jax.jit(lambda d: room.robot_rooms(jnp.zeros(3), d, places, shapes))
+    bodies = room.bodies_of(shapes, CONFIG)
+
+    @jax.jit
+    def keep(offset, rate):
+        slowest, fastest = room.slide_limits(jnp.zeros(3), offset, places, shapes, CONFIG)
+        return jnp.clip(rate, -slowest, fastest)
+
+    near = jax.jit(lambda d: room.robot_rooms(jnp.zeros((3, 1)), d[:, None], places[..., None], bodies))
     for sign in (1.0, -1.0):
         offset, asked = jnp.zeros(2), sign * jnp.array([0.4, 0.4])
         for _ in range(200):

@@ -15,7 +15,7 @@ from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.pose_grid import CELLS, FREE
 from jaxlocomanip.planner.refine import refine
-from jaxlocomanip.planner.room import rooms_at
+from jaxlocomanip.planner.room import bodies_of, rooms_at
 from jaxlocomanip.planner.shapes import ROBOT_DISCS, shapes_of
 
 CONFIG = PlannerConfig()
@@ -65,7 +65,7 @@ def clearance(poses, shapes, place, radius=0.3, offsets=None):
 @jax.jit
 def all_rooms(poses, offsets, places, shapes):
     """[n, 3] room of the object, the robots and within the team along a path."""
-    return jax.vmap(lambda q, d: rooms_at(q, d, places, shapes, CONFIG))(poses, offsets)
+    return rooms_at(poses.T, offsets.T, places[..., None], bodies_of(shapes, CONFIG)).T
 
 
 def body_directions(path):

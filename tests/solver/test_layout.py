@@ -1,4 +1,4 @@
-"""Functions with the lanes last, and functions compiled apart, against what they stand for."""
+"""Functions with the lanes last against what they stand for."""
 
 import jax
 import jax.numpy as jnp
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxlocomanip.solver import riccati
-from jaxlocomanip.solver.layout import apart, applied, lanes_last, times, transposed_applied, transposed_times
+from jaxlocomanip.solver.layout import applied, lanes_last, times, transposed_applied, transposed_times
 from jaxlocomanip.solver.riccati import LinearQuadratic
 
 PRODUCTS = {
@@ -75,16 +75,3 @@ def test_derivatives_pass_through_both_in_both_modes_alone_and_in_batches(x64):
     ends = [jax.vmap(cost)(jax.tree.map(lambda a, b, s=s: a + s * step * b, lanes, change)) for s in (1.0, -1.0)]
     assert np.allclose(pushed, (ends[0] - ends[1]) / (2.0 * step), rtol=1e-6)
     assert np.allclose(pushed, by_rows, rtol=1e-10)
-
-
-def test_apart_keeps_names_values_and_a_call_of_its_own():
-    @apart
-    def squared(x):
-        """Of a number."""
-        return x * x
-
-    assert squared.__name__ == "squared" and squared.__doc__ == "Of a number."
-    program = jax.jit(lambda x: squared(squared(x) + 1.0)).lower(jnp.ones(100)).compile()
-    assert (program(jnp.full(100, 2.0)) == 25.0).all()
-    if jax.default_backend() == "cpu":
-        assert program.as_text().count(" call(") == 2

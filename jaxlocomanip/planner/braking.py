@@ -1,0 +1,174 @@
+"""The way to rest once nobody pushes, and the room that it leaves: many inputs side by side.
+
+Arrays are laid out as in `room`: components first, inputs last.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxlocomanip.numerics import pytree, safe_norm
+from jaxlocomanip.planar import dynamics
+from jaxlocomanip.planar.dynamics import Body, State
+from jaxlocomanip.planar.vector import Vector, unit, vector
+from jaxlocomanip.planner.config import PlannerConfig
+from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
+from jaxlocomanip.planner.room import bodies_of, rooms_at, side_by_side
+from jaxlocomanip.planner.shapes import Shapes
+from jaxlocomanip.scenario import Team
+from jaxlocomanip.solver.layout import added
+
+SAMPLES = 6
+"""steps of the braking motion, each checked at its end"""
+WAITS = 3
+"""instants after the stop at which moving obstacles are looked at"""
+LIGHTER = 1.3
+"""an object may be so many times lighter than estimated: a push then moves it further"""
+
+
+@pytree
+class Brake:
+    """What braking is reckoned with."""
+
+    body: Body
+    """friction is what is left of it in the worst case"""
+    torsion_radius: Array
+    """[] m, M_c / F_c of the footprint"""
+    tick: Array
+    """[] s, for which an input acts"""
+    lag: Array
+    """[] s, for which it goes on acting"""
+    look_ahead: Array
+    """[] s, over which obstacles that move are looked at after the stop"""
+
+
+def brake_of(body: Body, proven: Array, shapes: Shapes, config: PlannerConfig) -> Brake:
+    """A pessimist's reckoning: braking may take longer than expected (a smoother floor).
+
+    Args:
+      body: the object as estimated.
+      proven: [] N, friction that the floor has shown to have.
+      shapes: geometry.
+      config: settings.
+    """
+    resisting = jnp.minimum(proven, body.friction_force)
+    smooth = Body(body.mass, body.inertia, body.com, resisting, resisting * shapes.torsion_radius)
+    times = config.horizon.tick, config.safety.lag, config.safety.look_ahead
+    return Brake(smooth, shapes.torsion_radius, *(jnp.asarray(time, resisting.dtype) for time in times))
+
+
+def braking_rooms(
+    forces: Array,
+    rates: Array,
+    estimate: ObjectEstimate,
+    offset: Array,
+    obstacles: ObstacleEstimate,
+    body: Body,
+    proven: Array,
+    shapes: Shapes,
+    config: PlannerConfig,
+) -> Array:
+    """[C, 3] m, least rooms (`rooms_at`) beyond the margin on the way to rest after one tick of each input.
+
+    Args:
+      forces: [C, N_r] N.
+      rates: [C, N_r] m/s, of the contact offsets.
+      estimate: the object's state.
+      offset: [N_r] m.
+      obstacles: estimated obstacles.
+      body: the object as estimated.
+      proven: [] N, friction to brake with.
+      shapes: geometry.
+      config: settings.
+    """
+    brake, bodies = brake_of(body, proven, shapes, config), bodies_of(shapes, config)
+    motion = braking_motion(forces.T, rates.T, estimate.pose, estimate.twist, offset, brake, shapes.team)
+    # Instants and inputs along one axis.
+    poses, offsets, times = (v.reshape(*v.shape[:-2], -1) for v in motion)
+    places = obstacles.position[..., None] + times * obstacles.velocity[..., None]
+    rooms = rooms_at(poses, offsets, places, bodies).reshape(3, *motion[2].shape)
+    return jnp.min(rooms, axis=1).T - config.safety.margin
+
+
+def braking_motion(
+    forces: Array, rates: Array, pose: Array, twist: Array, offset: Array, brake: Brake, team: Team
+) -> tuple[Array, Array, Array]:
+    """Poses [3, n, C], contact offsets [N_r, n, C] and times [n, C] s to rest and of a wait there.
+
+    Args:
+      forces: [N_r, C] N.
+      rates: [N_r, C] m/s.
+      pose: [3] of the object.
+      twist: [3] of the object.
+      offset: [N_r] m.
+      brake: what braking is reckoned with.
+      team: the robots.
+    """
+    body, after = brake.body, brake.tick + brake.lag
+    pose, twist, offset = (v[:, None] + jnp.zeros_like(forces[:1]) for v in (pose, twist, offset))
+    # A push may move more than expected (a lighter object).
+    light = Body(body.mass / LIGHTER, body.inertia / LIGHTER, body.com, body.friction_force, body.friction_moment)
+    push, moment = _wrench(forces, offset, team)
+    pushed = dynamics.advance(light, _state(pose, twist), push, moment, after, 0.0)
+    first = offset + rates * brake.tick + after * slip(pose, twist, offset, rates, team)
+    h = jnp.minimum(stopping_time(pushed, brake), 2.5) / SAMPLES
+    none = jnp.zeros_like(h)
+
+    def braking(carry: tuple[State, Array], _: None) -> tuple[tuple[State, Array], tuple[Array, Array]]:
+        state, slid = carry
+        q, velocity = _arrays(state)
+        slid = slid + h * slip(q, velocity, slid, jnp.zeros_like(slid), team)
+        state = dynamics.advance(body, state, Vector(none, none), none, h, 0.0)
+        return (state, slid), (_arrays(state)[0], slid)
+
+    _, (poses, offsets) = jax.lax.scan(braking, (pushed, first), None, length=SAMPLES)
+    poses, offsets = (
+        jnp.stack([start, *rest, *[rest[-1]] * WAITS], axis=1)
+        for start, rest in ((_arrays(pushed)[0], poses), (first, offsets))
+    )
+    stops = [after + h * k for k in range(SAMPLES + 1)]
+    waits = [stops[-1] + brake.look_ahead * ((k + 1) / WAITS) for k in range(WAITS)]
+    return poses, offsets, jnp.stack(stops + waits)
+
+
+def stopping_time(state: State, brake: Brake) -> Array:
+    """[...] s, at most, until friction alone has stopped the object."""
+    body = brake.body
+    slowing = jnp.maximum(body.friction_force / body.mass, 0.3)
+    turning = slowing * brake.torsion_radius * body.mass / body.inertia
+    speed = safe_norm(jnp.stack([state.velocity.x, state.velocity.y]), axis=0)
+    # Translation and rotation share one friction budget: braking both takes at most the sum of the times for either.
+    return speed / slowing + jnp.abs(state.omega) / jnp.maximum(turning, 1e-3)
+
+
+def slip(pose: Array, twist: Array, offset: Array, rate: Array, team: Team) -> Array:
+    """[N_r, C] m/s, offset rates beyond the commanded [N_r, C], of an object at pose and twist [3, C].
+
+    Faces that move aside faster than a robot walks slip away.
+    """
+    tangent = side_by_side(team.normal).turned
+    point = side_by_side(team.origin) + tangent * offset
+    velocity = vector(twist).rotated(unit(-pose[2]))
+    walk = rate + tangent.dot(velocity + point.turned * twist[2])
+    fastest = team.slide_speed_max[:, None]
+    return jnp.clip(walk, -fastest, fastest) - walk
+
+
+def _wrench(forces: Array, offset: Array, team: Team) -> tuple[Vector, Array]:
+    """Force and moment [C] of pushes [N_r, C] at contact offsets [N_r, C], in body axes."""
+    normal = side_by_side(team.normal)
+    point = side_by_side(team.origin) + normal.turned * offset
+    pushes = normal * forces
+    return Vector(added([*pushes.x]), added([*pushes.y])), added([*(point.cross(normal) * forces)])
+
+
+def _state(pose: Array, twist: Array) -> State:
+    return State(vector(pose), pose[2], vector(twist), twist[2])
+
+
+def _arrays(state: State) -> tuple[Array, Array]:
+    """Pose and twist [3]."""
+    pose = jnp.stack([state.position.x, state.position.y, state.heading])
+    return pose, jnp.stack([state.velocity.x, state.velocity.y, state.omega])
