@@ -173,8 +173,11 @@ def _line_search(ocp: PushProblem, plan: Plan, direction: Direction, lengths: Ar
 def _filter(
     force: Array, rate: Array, observed: Any, measured: Measurement, task: Task, config: PlannerConfig
 ) -> safety.Filtered:
-    estimate, parameters, obstacles, _ = observed
-    return safety.safety_filter(force, rate, estimate, measured.offset, obstacles, parameters.body, task.shapes, config)
+    estimate, parameters, obstacles, _, watched = observed
+    body = parameters.body
+    proven = safety.least_friction(body, config)
+    given = (measured.offset, obstacles, body, proven, task.shapes, config)
+    return safety.safety_filter(force, rate, estimate, watched.waiting, *given)
 
 
 def _world_step(world: PlanarState, scenario: Scenario, push: Push, config: PlannerConfig) -> PlanarState:

@@ -99,7 +99,16 @@ def decide(situation: Situation, warm: Iterate, shapes: Shapes, config: PlannerC
     wanted = jnp.clip(first[:n], 0.0, jnp.minimum(limits.force_max, gently))
     slide = jnp.clip(first[n:], -limits.slide_speed_max, limits.slide_speed_max)
     sent = safety.safety_filter(
-        wanted, slide, estimate, offset, situation.obstacles, situation.body, situation.proven, shapes, config
+        wanted,
+        slide,
+        estimate,
+        situation.waiting,
+        offset,
+        situation.obstacles,
+        situation.body,
+        situation.proven,
+        shapes,
+        config,
     )
     return Decision(solver, sent, _report(ocp, solver, targets, sent, shapes))
 

@@ -142,7 +142,15 @@ def _if_awake(
 def _search(state: PlannerState, task: Task, config: PlannerConfig) -> tuple[Path, Progress]:
     body, turn_radius = state.parameters.body, config.reference.turn_radius
     found = route.plan(
-        state.object.pose, task.goal, state.path, state.progress, task.shapes, state.obstacles, body, config
+        state.object.pose,
+        state.offset,
+        task.goal,
+        state.path,
+        state.progress,
+        task.shapes,
+        state.obstacles,
+        body,
+        config,
     )
     line = path.straight_poses(state.origin, task.goal.pose, found.poses.shape[0])
     planned = config.reference.plan_path > 0.5

@@ -102,7 +102,8 @@ def pace(poses: Array, shapes: Shapes, body: Body, turn_radius: Floats, cost: Fl
     smooth = jax.vmap(lambda v: jnp.convolve(v, window / jnp.sum(window), mode="valid"), 1, 1)(padded)
     final, arc = resample(smooth, turn_radius)
     force, offset = steady_pushes(final, shapes, body)
-    return Path(final, arc, force, offset, sideways(final, arc, offset, shapes.team), jnp.asarray(cost, arc.dtype))
+    walk = sideways(final, arc, offset, jnp.zeros_like(offset), shapes.team)
+    return Path(final, arc, force, offset, walk, jnp.asarray(cost, arc.dtype))
 
 
 def with_pushes(path: Path, force: Array, offset: Array, room: Array, team: Team) -> Path:
@@ -118,7 +119,7 @@ def with_pushes(path: Path, force: Array, offset: Array, room: Array, team: Team
     # Slow enough past an obstacle to stop before it.
     stop = jnp.maximum(spread(room[:, None])[:, 0], _LEAST_ROOM) - _STANDOFF
     slow = 1.0 / jnp.sqrt(2.0 * _BRAKING * stop)
-    walk = jnp.maximum(sideways(path.poses, path.arc, offset, team), _widest(slow))
+    walk = jnp.maximum(sideways(path.poses, path.arc, offset, _slope(offset), team), _widest(slow))
     return dataclasses.replace(path, force=force, offset=offset, walk=walk)
 
 
@@ -144,16 +145,24 @@ def steady_pushes(poses: Array, shapes: Shapes, body: Body) -> tuple[Array, Arra
     return jax.vmap(at)(poses, change)
 
 
-def sideways(poses: Array, arc: Array, offset: Array, team: Team) -> Array:
-    """[n] sideways speed of the busiest robot, relative to its limit, per unit of arc rate along poses [n, 3]."""
-    change = _slope(poses) / jnp.maximum(arc[1], 1e-6)
+def sideways(poses: Array, arc: Array, offset: Array, slide: Array, team: Team) -> Array:
+    """[n] sideways speed of the busiest robot, relative to its limit, per unit of arc rate.
 
-    def at(pose: Array, rate: Array, d: Array) -> Array:
+    Args:
+      poses: [n, 3] along the path.
+      arc: [n] m.
+      offset: [n, N_r] m, contact offsets there.
+      slide: [n, N_r] m, their change per point.
+      team: the robots.
+    """
+    spacing = jnp.maximum(arc[1], 1e-6)
+
+    def at(pose: Array, rate: Array, d: Array, along: Array) -> Array:
         points = team.contact_points(d)
         velocity = rotate(-pose[2], rate[:2]) + rate[2] * perpendicular(points)
-        return jnp.max(jnp.abs(jnp.sum(velocity * team.tangent, axis=-1)) / team.slide_speed_max)
+        return jnp.max(jnp.abs(jnp.sum(velocity * team.tangent, axis=-1) + along) / team.slide_speed_max)
 
-    each = jax.vmap(at)(poses, change, offset)
+    each = jax.vmap(at)(poses, _slope(poses) / spacing, offset, slide / spacing)
     return jnp.maximum(_widest(each), 0.1)
 
 
@@ -164,7 +173,7 @@ def _widest(values: Array) -> Array:
 
 
 def _slope(poses: Array) -> Array:
-    """[n, 3] change per point along poses [n, 3], by central differences."""
+    """[n, k] change per point of values [n, k], by central differences."""
     padded = jnp.concatenate([2.0 * poses[:1] - poses[1:2], poses, 2.0 * poses[-1:] - poses[-2:-1]])
     return 0.5 * (padded[2:] - padded[:-2])
 

@@ -9,6 +9,7 @@ from jax import Array
 
 from jaxlocomanip.numerics import pytree
 from jaxlocomanip.planar.geometry import quick_point_distance, rotate
+from jaxlocomanip.planner.authority import USABLE_RANGE
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.shapes import Shapes
@@ -36,6 +37,8 @@ TURN = 2.0 * np.pi / HEADINGS
 """rad, from one heading to the next"""
 TURNS = np.arange(-2, 3)
 """by which a move may turn"""
+STANDS = (-1.0, 0.0, 1.0)
+"""contact offsets at which a robot's room is looked at, in multiples of the usable range"""
 _REACH = 24
 """cells, largest distance of a disc from the object's body point"""
 
@@ -79,7 +82,10 @@ def price_of_miss(miss: Array) -> Array:
 def clearance(
     grid: Grid, local: Array, goal: Array, shapes: Shapes, obstacles: ObstacleEstimate, config: PlannerConfig
 ) -> Array:
-    """[HEADINGS, CELLS, CELLS] m, least distance of the team's discs to any obstacle at each pose of the grid."""
+    """[2, HEADINGS, CELLS, CELLS] m, least distance of the team's discs to any obstacle at each pose of the grid.
+
+    First with the robots at the middles of their faces, then with each where along its face it has most room.
+    """
     ticks = jnp.arange(CELLS, dtype=local.dtype) * grid.spacing
     nodes = grid.origin + jnp.stack(jnp.meshgrid(ticks, ticks, indexing="ij"), axis=-1)
     arrival = jnp.sqrt(jnp.sum((nodes - local[:2]) ** 2, axis=-1)) / config.reference.speed
@@ -96,14 +102,24 @@ def clearance(
     field = jax.vmap(jax.vmap(distance))(world, arrival)
     headings = TURN * jnp.arange(HEADINGS, dtype=local.dtype)
 
-    def at(heading: Array, center: Array, radius: Array, used: Array) -> Array:
-        shift = rotate(heading, center) / grid.spacing
-        return jnp.where(used > 0.5, _shifted(field, shift) - radius, FAR)
+    def at(heading: Array, center: Array, radius: Array) -> Array:
+        return _shifted(field, rotate(heading, center) / grid.spacing) - radius
 
-    discs = shapes.protected_discs(config)
-    over_discs = jax.vmap(at, in_axes=(None, 0, 0, 0))
-    each = jax.vmap(over_discs, in_axes=(0, None, None, None))(headings, discs.centers, discs.radii, discs.used)
-    return jnp.min(each, axis=1)
+    def least(heading: Array, centers: Array, radii: Array) -> Array:
+        return jnp.min(jax.vmap(at, in_axes=(None, 0, 0))(heading, centers, radii), axis=0)
+
+    limit = USABLE_RANGE * shapes.team.offset_limit
+    robots = jnp.stack([shapes.robot_centers(part * limit) for part in STANDS])
+    radii = jnp.broadcast_to(shapes.robot_radii[:, None], robots.shape[1:3])
+
+    def at_heading(heading: Array) -> Array:
+        standing = jax.vmap(jax.vmap(least, in_axes=(None, 0, 0)), in_axes=(None, 0, None))(heading, robots, radii)
+        team = jnp.min(jnp.stack([standing[STANDS.index(0.0)], jnp.max(standing, axis=0)]), axis=1)
+        body = least(heading, shapes.object_centers, shapes.object_radii)
+        protection = config.protection
+        return jnp.minimum(jnp.where(protection.object > 0.5, body, FAR), jnp.where(protection.robots > 0.5, team, FAR))
+
+    return jax.vmap(at_heading, out_axes=1)(headings)
 
 
 def _shifted(field: Array, shift: Array) -> Array:

@@ -33,6 +33,7 @@ _SHARE, _LESS = 0.8, 0.3
 
 def plan(
     pose: Array,
+    offset: Array,
     goal: Goal,
     path: Path,
     progress: Progress,
@@ -45,6 +46,7 @@ def plan(
 
     Args:
       pose: of the object, now.
+      offset: [N_r] m, contact offsets now.
       goal: where to.
       path: in force.
       progress: on it.
@@ -53,7 +55,7 @@ def plan(
       body: the object as estimated.
       config: settings.
     """
-    pose, path, progress = jax.lax.stop_gradient((pose, path, progress))
+    pose, offset, path, progress = jax.lax.stop_gradient((pose, offset, path, progress))
     given = jax.lax.stop_gradient((goal, shapes, obstacles, body, config))
     goal, shapes, obstacles, body, config = given
     skips = config.horizon.rest_skips
@@ -66,7 +68,7 @@ def plan(
     def consider(carry: tuple[Refined, Array], anew: Array) -> tuple[tuple[Refined, Array], None]:
         best, needed = carry
         rough = jax.lax.cond(anew, lambda: where_needed(needed, search, (pose, *given), rest, skips), lambda: rest)
-        found = where_needed(needed, lambda arguments: refine(*arguments), (rough, *given), best, skips)
+        found = where_needed(needed, lambda arguments: refine(*arguments), (rough, offset, *given), best, skips)
         best = select(needed & (found.cost < _SHARE * best.cost - _LESS), found, best)
         return (best, _wants_rival(best, path, progress, goal, shapes, config)), None
 

@@ -64,6 +64,7 @@ def safety_filter(
     force: Array,
     rate: Array,
     estimate: ObjectEstimate,
+    waiting: Array,
     offset: Array,
     obstacles: ObstacleEstimate,
     body: Body,
@@ -77,6 +78,7 @@ def safety_filter(
       force: [N_r] N, the planner's first force.
       rate: [N_r] m/s, its first offset rate.
       estimate: the object's state.
+      waiting: [] bool, the object has not moved since it was at rest (`breakaway`).
       offset: [N_r] m.
       obstacles: estimated obstacles.
       body: the object as estimated; friction is replaced by the proven one.
@@ -107,7 +109,7 @@ def safety_filter(
     room = jnp.concatenate([own, others])
     spare = jnp.min(room, axis=1)
     # Without a safe candidate a team at rest stays at rest, and ties go to the earlier one, lest it fidget.
-    still = (safe_norm(estimate.twist[:2]) < STILL) & (jnp.max(forces, axis=1) > 0.0)
+    still = waiting & (jnp.max(forces, axis=1) > 0.0)
     spare = jnp.where(still & (spare < 0.0), spare - FAR, spare)
     order = jnp.arange(room.shape[0], dtype=room.dtype)
     score = jnp.where(spare >= 0.0, 1e3 - order, spare - 1e-4 * order)

@@ -32,7 +32,8 @@ ROUGH = STEPS + 2
 _BLOCKED = 60.0
 """cost factor per metre of overlap with twice an obstacle's margin: where the filter would keep stopping the team"""
 _THICKNESS = 0.03
-"""m, by which discs reach beyond the bodies that they cover: overlaps larger than that are real, and cost more"""
+"""m, by which discs reach beyond the bodies that they cover: overlaps larger than that are real, and cost more, unless
+robots can avoid them at other contact offsets"""
 
 
 def search_poses(
@@ -45,10 +46,10 @@ def search_poses(
     turn_radius = config.reference.turn_radius
     local = jnp.concatenate([rotate(-goal[2], start[:2] - goal[:2]), wrap_angle(start[2:] - goal[2:])])
     grid = lay_grid(local)
-    near = clearance(grid, local, goal, shapes, obstacles, config)
+    near, widest = clearance(grid, local, goal, shapes, obstacles, config)
     density = 1.0 + 3.0 * jnp.maximum(config.reference.clearance - near, 0.0)
-    overlap = jnp.maximum(2.0 * config.constraints.margin - near, 0.0)
-    density = density + _BLOCKED * (overlap + overlap**2 / _THICKNESS)
+    tight, overlap = (jnp.maximum(2.0 * config.constraints.margin - room, 0.0) for room in (near, widest))
+    density = density + _BLOCKED * (tight + overlap**2 / _THICKNESS)
     moves = price_moves(shapes, body, grid.spacing, turn_radius)
     ending = ends(grid, target) + grid.spacing * (density - 1.0)
     value = cost_to_go(ending, density, moves)

@@ -6,23 +6,10 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxlocomanip.numerics import pytree
-from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.scenario import Scenario, Team
 
 ROBOT_DISCS = 3
 """Discs along a robot's body rectangle."""
-
-
-@pytree
-class Discs:
-    """Discs fixed to the object's frame."""
-
-    centers: Array
-    """[n, 2] m"""
-    radii: Array
-    """[n] m"""
-    used: Array
-    """[n] 1 where the disc is to be kept away from obstacles, else 0"""
 
 
 @pytree
@@ -58,17 +45,6 @@ class Shapes:
         fractions = (2.0 * jnp.arange(ROBOT_DISCS) + 1.0) / ROBOT_DISCS - 1.0
         back = team.reach[:, None] + fractions * team.half_length[:, None]
         return team.contact_points(offset)[:, None, :] - back[..., None] * team.normal[:, None, :]
-
-    def protected_discs(self, config: PlannerConfig) -> Discs:
-        """All discs at zero contact offset."""
-        robots = self.robot_centers(jnp.zeros_like(self.team.offset)).reshape(-1, 2)
-        ones = jnp.ones_like(self.object_radii)
-        radii = jnp.repeat(self.robot_radii, ROBOT_DISCS, total_repeat_length=robots.shape[0])
-        return Discs(
-            jnp.concatenate([self.object_centers, robots]),
-            jnp.concatenate([self.object_radii, radii]),
-            jnp.concatenate([ones * config.protection.object, jnp.ones_like(radii) * config.protection.robots]),
-        )
 
 
 def shapes_of(scenario: Scenario) -> Shapes:

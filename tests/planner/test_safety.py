@@ -45,7 +45,9 @@ def filtered(scenario, state, force, rate, config=CONFIG):
     body = dataclasses.replace(scenario.object.body, friction_force=jnp.asarray(30.0), friction_moment=jnp.asarray(6.0))
     estimate = ObjectEstimate(state.pose, state.twist, zero)
     proven = safety.least_friction(body, config)
-    return safety.safety_filter(force, rate, estimate, state.offset, seen, body, proven, shapes_of(scenario), config)
+    at_rest = jnp.max(jnp.abs(state.twist)) < 0.02
+    given = (state.offset, seen, body, proven, shapes_of(scenario), config)
+    return safety.safety_filter(force, rate, estimate, at_rest, *given)
 
 
 def at(scenario, pose, twist=(0.0, 0.0, 0.0)):

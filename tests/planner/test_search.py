@@ -25,8 +25,8 @@ AWAY = (20.0, 20.0)
 @jax.jit
 def search_path(start, goal, shapes, obstacles, body, config):
     rough = search.search_poses(start, goal, shapes, obstacles, body, config)
-    found = refine(rough, goal, shapes, obstacles, body, config)
-    paced = path.pace(found.poses, shapes, body, config.reference.speed / config.reference.turn_rate, found.cost)
+    found = refine(rough, shapes.team.offset, goal, shapes, obstacles, body, config)
+    paced = path.pace(found.poses, shapes, body, config.reference.turn_radius, found.cost)
     return path.with_pushes(paced, found.force, found.offset, found.room, shapes.team)
 
 
