@@ -2,7 +2,8 @@
 
 A flood over poses (centre of mass, heading) of the object: the team moves the object in directions in which it can push
 at its heading, and turns it only as far as it moves it (`pushing`). Robots may be anywhere along their faces at each
-pose.
+pose, even where an obstacle stands between two such places: so some ways that are found are none for robots that have
+to walk there.
 
 A scenario is good where a flood finds a way for discs *around* the bodies. A coarse flood with large discs goes first:
 it is much faster and finds a way in most scenarios. Where the fine one, with a few centimetres of room, finds none
