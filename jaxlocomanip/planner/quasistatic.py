@@ -117,7 +117,7 @@ class PathProblem:
         # Relative to the sliding motion, of which a turn on the spot has little: a little pull is a pull.
         pushes = push / jnp.sqrt(jnp.sum(norm**2) + (_STANDS * self.step) ** 2)
         team = self.shapes.team
-        between = team.pair_bounds - team.pair_rows @ offset
+        between = team.pair_bounds - self.config.constraints.margin - team.pair_rows @ offset
         inequality = [pushes, self.friction.capacity - pushes, offset - low, high - offset, between]
         return Stage(
             jnp.concatenate([reached, offset + slide]),
