@@ -31,6 +31,11 @@ def sliding_wrench(body: Body, twist_B: Array, smoothing: Floats) -> Array:
     return friction_wrench(body, zero, twist_B, smoothing)
 
 
+def usable_offsets(team: Team) -> Array:
+    """[N_r] m, largest contact offsets that feed-forward uses where the robots keep out of each other's way."""
+    return USABLE_RANGE * team.offset_limit
+
+
 def offset_ends(team: Team) -> Array:
     """[2, N_r] m, ends of the contact offsets that feed-forward uses."""
     middle, half = 0.5 * (team.free_low + team.free_high), 0.5 * (team.free_high - team.free_low)

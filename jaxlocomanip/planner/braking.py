@@ -15,7 +15,7 @@ from jaxlocomanip.planar.dynamics import Body, State
 from jaxlocomanip.planar.vector import Vector, unit, vector
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
-from jaxlocomanip.planner.room import bodies_of, rooms_at, side_by_side
+from jaxlocomanip.planner.room import bodies_of, contacts, rooms_at
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.scenario import Team
 from jaxlocomanip.solver.layout import added
@@ -148,18 +148,16 @@ def slip(pose: Array, twist: Array, offset: Array, rate: Array, team: Team) -> A
 
     Faces that move aside faster than a robot walks slip away.
     """
-    tangent = side_by_side(team.normal).turned
-    point = side_by_side(team.origin) + tangent * offset
+    point, normal = contacts(offset, team)
     velocity = vector(twist).rotated(unit(-pose[2]))
-    walk = rate + tangent.dot(velocity + point.turned * twist[2])
+    walk = rate + normal.turned.dot(velocity + point.turned * twist[2])
     fastest = team.slide_speed_max[:, None]
     return jnp.clip(walk, -fastest, fastest) - walk
 
 
 def _wrench(forces: Array, offset: Array, team: Team) -> tuple[Vector, Array]:
     """Force and moment [C] of pushes [N_r, C] at contact offsets [N_r, C], in body axes."""
-    normal = side_by_side(team.normal)
-    point = side_by_side(team.origin) + normal.turned * offset
+    point, normal = contacts(offset, team)
     pushes = normal * forces
     return Vector(added([*pushes.x]), added([*pushes.y])), added([*(point.cross(normal) * forces)])
 

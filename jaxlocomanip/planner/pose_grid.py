@@ -9,7 +9,7 @@ from jax import Array
 
 from jaxlocomanip.numerics import pytree
 from jaxlocomanip.planar.geometry import quick_point_distance, rotate
-from jaxlocomanip.planner.authority import USABLE_RANGE
+from jaxlocomanip.planner.authority import usable_offsets
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.shapes import Shapes
@@ -108,7 +108,7 @@ def clearance(
     def least(heading: Array, centers: Array, radii: Array) -> Array:
         return jnp.min(jax.vmap(at, in_axes=(None, 0, 0))(heading, centers, radii), axis=0)
 
-    limit = USABLE_RANGE * shapes.team.offset_limit
+    limit = usable_offsets(shapes.team)
     robots = jnp.stack([shapes.robot_centers(part * limit) for part in STANDS])
     radii = jnp.broadcast_to(shapes.robot_radii[:, None], robots.shape[1:3])
 

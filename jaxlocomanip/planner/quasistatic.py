@@ -18,12 +18,13 @@ from jaxlocomanip.numerics import pytree, safe_norm
 from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planar.geometry import cross, feature_distance, nearest_feature, outline, perpendicular, rotate
 from jaxlocomanip.planar.vector import Vector
-from jaxlocomanip.planner.authority import CAPACITY, USABLE_RANGE
+from jaxlocomanip.planner.authority import CAPACITY, usable_offsets
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.penalty import relaxed_barrier
 from jaxlocomanip.planner.pose_grid import FREE, MISS
 from jaxlocomanip.planner.shapes import ROBOT_DISCS, Shapes
+from jaxlocomanip.scenario import Team
 from jaxlocomanip.solver.ocp import Penalty, Stage, StageModel, forward_model
 
 _EFFORT = 0.1
@@ -98,50 +99,32 @@ class PathProblem:
     def stage(self, x: Array, u: Array, data: PathStage) -> Stage:
         """One step of quasi-static motion."""
         pose, offset, (push, slide) = x[:3], x[3:], jnp.split(u, 2)
-        move, norm = self.motion(push, offset)
+        team = self.shapes.team
+        move, norm = motion(push, offset, self.friction, team)
         reached = pose + jnp.concatenate([rotate(pose[2] + 0.5 * move[2], move[:2]), move[2:]])
         per_step = jnp.sqrt(2.0 / self.step)
         way = jnp.concatenate([move[:2], data.turning * move[2:]])
         length = safe_norm(jnp.concatenate([move[:2], self.config.reference.turn_radius * move[2:]]))
-        low, high = self.range
+        limit = usable_offsets(team)
         residual = jnp.concatenate(
             [
                 per_step * way,
                 jnp.sqrt(_EVENLY) * per_step * (length - self.step)[None],
                 jnp.sqrt(_EFFORT) * per_step * push,
                 _SLIDE * per_step * slide,
-                jnp.sqrt(_IDLE * self.step) * (offset - 0.5 * (low + high)),
+                jnp.sqrt(_IDLE * self.step) * offset,
                 jnp.sqrt(_GUESS * self.step) * (pose - data.guess),
             ]
         )
         # Relative to the sliding motion, of which a turn on the spot has little: a little pull is a pull.
         pushes = push / jnp.sqrt(jnp.sum(norm**2) + (_STANDS * self.step) ** 2)
-        team = self.shapes.team
         between = team.pair_bounds - self.config.constraints.margin - team.pair_rows @ offset
-        inequality = [pushes, self.friction.capacity - pushes, offset - low, high - offset, between]
+        inequality = [pushes, self.friction.capacity - pushes, limit + offset, limit - offset, between]
         return Stage(
             jnp.concatenate([reached, offset + slide]),
             residual,
             jnp.concatenate([*inequality, self.room(pose, offset, data.time)]),
         )
-
-    def motion(self, push: Array, offset: Array) -> tuple[Array, Array]:
-        """What pushes [N_r] at contact offsets [N_r] do.
-
-        Returns:
-          Motion [3] of the body point in body axes, and [3] in the norm of the limit surface: the sliding motion's.
-        """
-        team, com, rho = self.shapes.team, self.friction.com, self.friction.rho
-        lever = cross(team.contact_points(offset) - com, team.normal) / rho
-        force, moment = jnp.sum(push[:, None] * team.normal, axis=0), jnp.sum(push * lever)
-        turn = moment / rho
-        return jnp.append(force - turn * perpendicular(com), turn), jnp.append(force, moment)
-
-    @property
-    def range(self) -> tuple[Array, Array]:
-        """[N_r] m, least and largest contact offsets."""
-        limit = USABLE_RANGE * self.shapes.team.offset_limit
-        return -limit, limit
 
     def room(self, pose: Array, offset: Array, time: Array) -> Array:
         """[n] m, distances of all discs to their nearest obstacles, beyond radius and margin."""
@@ -172,16 +155,12 @@ class PathProblem:
         """Relaxed barriers, per metre of path."""
         team, protection = self.shapes.team, self.config.protection
         n, pairs = team.offset.shape[0], team.pair_bounds.shape[0]
+        objects, near = self.shapes.object_radii.shape[0], (_SWITCH_NEAR, self.config.reference.clearance)
         groups = [
             (2 * n, _CONE, _SWITCH, _REACH),
             (2 * n + pairs, _CONE, _SWITCH_OFFSET, _REACH_OFFSET),
-            (
-                self.shapes.object_radii.shape[0],
-                _NEAR * protection.object,
-                _SWITCH_NEAR,
-                self.config.reference.clearance,
-            ),
-            (n * ROBOT_DISCS, _NEAR * protection.robots, _SWITCH_NEAR, self.config.reference.clearance),
+            (objects, _NEAR * protection.object, *near),
+            (n * ROBOT_DISCS, _NEAR * protection.robots, *near),
         ]
         weight, switch, reach = (
             jnp.concatenate([jnp.full(group[0], group[i], h.dtype) for group in groups]) for i in (1, 2, 3)
@@ -206,3 +185,15 @@ def friction_of(shapes: Shapes, body: Body) -> Friction:
     ratio = body.friction_moment / jnp.maximum(body.friction_force, 1e-3)
     rho = jnp.maximum(ratio, 0.5 * shapes.torsion_radius)
     return Friction(body.com, rho, CAPACITY * shapes.team.force_max / jnp.maximum(body.friction_force, 1.0))
+
+
+def motion(push: Array, offset: Array, friction: Friction, team: Team) -> tuple[Array, Array]:
+    """What pushes [N_r] at contact offsets [N_r] do.
+
+    Returns:
+      Motion [3] of the body point in body axes, and [3] in the norm of the limit surface: the sliding motion's.
+    """
+    lever = cross(team.contact_points(offset) - friction.com, team.normal) / friction.rho
+    force, moment = jnp.sum(push[:, None] * team.normal, axis=0), jnp.sum(push * lever)
+    turn = moment / friction.rho
+    return jnp.append(force - turn * perpendicular(friction.com), turn), jnp.append(force, moment)

@@ -13,12 +13,12 @@ from jax import Array
 
 from jaxlocomanip.numerics import Floats, projected_least_squares, pytree
 from jaxlocomanip.planar.dynamics import Body
-from jaxlocomanip.planar.geometry import cross, perpendicular, rotate
+from jaxlocomanip.planar.geometry import rotate
 from jaxlocomanip.planner.authority import offset_ends
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.path import UNPLANNED, resample
-from jaxlocomanip.planner.quasistatic import Friction, PathProblem, PathStage, friction_of
+from jaxlocomanip.planner.quasistatic import Friction, PathProblem, PathStage, friction_of, motion
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.scenario import Goal, Team
 from jaxlocomanip.solver import sqp
@@ -67,10 +67,9 @@ def first_pushes(guess: Array, step: Array, turn_radius: Floats, friction: Frict
     A robot that may choose its contact offset pushes like two at the ends of its range.
     """
     ends = offset_ends(team)
-    points = team.origin + ends[..., None] * team.tangent
-    normals = jnp.broadcast_to(team.normal, points.shape)
-    turn = (cross(points - friction.com, normals) / friction.rho**2)[..., None]
-    twists = jnp.concatenate([normals - turn * perpendicular(friction.com), turn], axis=-1).reshape(-1, 3).T
+    each = jax.vmap(lambda push, offset: motion(push, offset, friction, team)[0], in_axes=(0, None))
+    ones = jnp.eye(ends.shape[1], dtype=guess.dtype)
+    twists = jnp.concatenate([each(ones, ends[0]), each(ones, ends[1])]).T
     weight = jnp.stack([jnp.ones_like(step), jnp.ones_like(step), jnp.asarray(turn_radius, step.dtype)])
 
     def split(a: Array, b: Array) -> tuple[Array, Array]:
@@ -121,7 +120,7 @@ def refine(
     done = sqp.solve(problem, first.xs[0], sqp.start(first, options), options)
     poses, offsets = done.plan.xs[:, :3], done.plan.xs[:, 3:]
     pushes = jnp.maximum(done.plan.us[:, : offset.shape[0]], 0.0)
-    sliding = jax.vmap(problem.motion)(pushes, offsets[:-1])[1]
+    sliding = jax.vmap(lambda u, d: motion(u, d, friction, shapes.team)[1])(pushes, offsets[:-1])
     force = pushes / jnp.sqrt(jnp.sum(sliding**2, axis=1, keepdims=True) + 1e-6 * step**2)
     room = jax.vmap(lambda q, d, t: jnp.min(problem.room(q, d, t)))(poses[:-1], offsets[:-1], stages.time)
     cost = done.cost + _DEFECT * done.defect

@@ -110,11 +110,10 @@ def _to_obstacles(poses: Array, offsets: Array, places: Array, bodies: Bodies) -
 def _corners(poses: Array, offsets: Array, bodies: Bodies) -> Vector:
     """Corners [V, 1 + N_r, n] of object and robots; polygons of fewer corners repeat their last."""
     team = bodies.team
-    normal, origin = side_by_side(team.normal), side_by_side(team.origin)
-    tangent = normal.turned
+    point, normal = contacts(offsets, team)
     reach, length, width = (leaf[:, None] for leaf in (team.reach, team.half_length, team.half_width))
-    middle = origin + tangent * offsets - normal * reach
-    ends, sides = normal * length, tangent * width
+    middle = point - normal * reach
+    ends, sides = normal * length, normal.turned * width
     robots = [middle - ends - sides, middle + ends - sides, middle + ends + sides, middle - ends + sides]
     footprint = side_by_side(bodies.object_vertices)
     whole = jnp.zeros_like(offsets[0])
@@ -130,6 +129,12 @@ def _corners(poses: Array, offsets: Array, bodies: Bodies) -> Vector:
 def side_by_side(array: Array) -> Vector:
     """Components [k, 1] of an array [k, 2], to go with poses side by side."""
     return Vector(array[:, 0, None], array[:, 1, None])
+
+
+def contacts(offsets: Array, team: Team) -> tuple[Vector, Vector]:
+    """Contact points [N_r, n] at offsets [N_r, n] and push directions [N_r, 1], body frame."""
+    normal = side_by_side(team.normal)
+    return side_by_side(team.origin) + normal.turned * offsets, normal
 
 
 def slide_limits(pose: Array, offset: Array, places: Array, shapes: Shapes, config: PlannerConfig) -> Array:
