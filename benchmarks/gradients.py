@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from benchmarks.latency import situation
+from benchmarks.latency import instant
 from benchmarks.timing import compiled, milliseconds
 from jaxlocomanip import PlannerConfig
 from jaxlocomanip.planner import nmpc
@@ -26,7 +26,7 @@ Program = Callable[..., Any]
 
 def measure(calls: int) -> dict[str, Any]:
     """Times in ms and temporary memory in kB, at the default horizon; `calls` of each short program."""
-    s = situation(jax.device_put(PlannerConfig()), compiled(nmpc.tick))
+    s = instant(jax.device_put(PlannerConfig()), compiled(nmpc.tick))
     options = Options(tolerance=1e-4)
     found = jax.jit(lambda p, x, w: implicit.solve(p, x, sqp.start(w, options), options))(
         s.problem, s.x0, s.solver.plan

@@ -17,6 +17,7 @@ from jaxlocomanip.planner import decision, nmpc, problem, reference, safety
 from jaxlocomanip.planner.nmpc import Command, Measurement, PlannerState, Task
 from jaxlocomanip.planner.problem import PushProblem
 from jaxlocomanip.planner.shapes import shapes_of
+from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.solver import riccati, sqp
 from jaxlocomanip.solver.ocp import Plan
@@ -35,7 +36,7 @@ WORLD = PlanarWorld()
 
 
 @pytree
-class Situation:
+class Instant:
     """The arguments of one tick and of its parts."""
 
     scenario: Scenario
@@ -57,7 +58,7 @@ def measure(calls: int) -> dict[str, Any]:
     for stages in STAGES:
         config = dataclasses.replace(base, horizon=dataclasses.replace(base.horizon, steps=stages))
         tick = compiled(nmpc.tick)
-        s = situation(jax.device_put(config), tick)
+        s = instant(jax.device_put(config), tick)
         loop = milliseconds(compiled(_loop), s, calls=max(calls // LOOPED, 20))
         parts = {
             "tick": milliseconds(tick, s.state, s.measured, s.task, s.config, calls=calls),
@@ -76,7 +77,7 @@ def _timed(parts: Mapping[str, tuple[Any, ...]], calls: int) -> dict[str, dict[s
     return {name: milliseconds(compiled(part), *arguments, calls=calls) for name, (part, *arguments) in parts.items()}
 
 
-def _depending(s: Situation) -> dict[str, tuple[Any, ...]]:
+def _depending(s: Instant) -> dict[str, tuple[Any, ...]]:
     """Parts of a tick whose work grows with the horizon: a function and its arguments each."""
     lq, _ = jax.jit(sqp.linearise)(s.problem, s.solver.plan)
     settings = decision.options(s.config)
@@ -92,7 +93,7 @@ def _depending(s: Situation) -> dict[str, tuple[Any, ...]]:
     }
 
 
-def _independent(s: Situation) -> dict[str, tuple[Any, ...]]:
+def _independent(s: Instant) -> dict[str, tuple[Any, ...]]:
     """The other parts, what happens between ticks, and a call that computes nothing."""
     observed = nmpc.observe(s.state, s.measured, s.task, s.config)
     force = s.solver.plan.us[0, : s.push.force.shape[0]]
@@ -105,7 +106,7 @@ def _independent(s: Situation) -> dict[str, tuple[Any, ...]]:
     }
 
 
-def situation(config: PlannerConfig, tick: Callable[..., Any]) -> Situation:
+def instant(config: PlannerConfig, tick: Callable[..., Any]) -> Instant:
     """The scenario `adaptive` after `LEAD_IN` ticks of closed loop."""
     scenario = build_scenario(find_scenario("adaptive"))
     task = Task(shapes_of(scenario), scenario.object, scenario.goal)
@@ -124,10 +125,10 @@ def situation(config: PlannerConfig, tick: Callable[..., Any]) -> Situation:
     solver = nmpc.shift(state.solver, config.horizon.tick / config.horizon.dt)
     solver = dataclasses.replace(solver, plan=Plan(solver.plan.xs.at[0].set(x0), solver.plan.us))
     ocp = jax.jit(_assemble)(state, _targets(state, config), task, config)
-    return Situation(scenario, config, task, state, measured, world, push, ocp, solver, x0)
+    return Instant(scenario, config, task, state, measured, world, push, ocp, solver, x0)
 
 
-def _loop(s: Situation) -> tuple[PlannerState, PlanarState]:
+def _loop(s: Instant) -> tuple[PlannerState, PlanarState]:
     start = LEAD_IN * s.config.horizon.tick
 
     def body(carry: tuple[PlannerState, PlanarState], k: Array) -> tuple[tuple[PlannerState, PlanarState], None]:
@@ -173,11 +174,11 @@ def _line_search(ocp: PushProblem, plan: Plan, direction: Direction, lengths: Ar
 def _filter(
     force: Array, rate: Array, observed: Any, measured: Measurement, task: Task, config: PlannerConfig
 ) -> safety.Filtered:
-    estimate, parameters, obstacles, _, watched = observed
+    estimate, parameters, obstacles, acting, watched = observed
     body = parameters.body
     proven = safety.least_friction(body, config)
-    given = (measured.offset, obstacles, body, proven, task.shapes, config)
-    return safety.safety_filter(force, rate, estimate, watched.waiting, *given)
+    seen = Situation(estimate, body, obstacles, measured.offset, acting, proven, watched.waiting)
+    return safety.safety_filter(force, rate, seen, task.shapes, config)
 
 
 def _world_step(world: PlanarState, scenario: Scenario, push: Push, config: PlannerConfig) -> PlanarState:

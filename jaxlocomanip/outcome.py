@@ -114,14 +114,15 @@ def clearances(scenario: Scenario, view: View, positions: Array) -> Clearances:
 
 
 def _moved_into(scenario: Scenario, before: View, view: View, time: Array, tick: float) -> Array:
-    """[1 + N_r, N_o] bool: the body moved during the tick that ended at `time`, or the obstacle did not."""
+    """[1 + N_r, N_o] bool: the body moved during the tick that ended at `time`, or crept while the obstacle stood."""
     old, new = _bodies(scenario, before), _bodies(scenario, view)
     squared = [jnp.max(jnp.sum((b - a) ** 2, axis=-1), axis=-1) for a, b in zip(old, new, strict=True)]
-    moved = jnp.concatenate([squared[0][None], squared[1]]) > (STILL * tick) ** 2
+    body = jnp.concatenate([squared[0][None], squared[1]])[:, None]
     way = scenario.obstacles.at(time) - scenario.obstacles.at(time - tick)
-    # Positions far away are rounded; anything that moves at all covers more than a micrometre a tick.
-    stood = jnp.sum(way * way, axis=-1) <= 1e-12
-    return moved[:, None] | stood[None, :]
+    obstacle = jnp.sum(way * way, axis=-1)
+    # Positions far away are rounded; what moves covers a micrometre a tick and more, but where it turns.
+    crept = (obstacle <= 1e-12) & (body > obstacle)
+    return (body > (STILL * tick) ** 2) | crept
 
 
 @pytree

@@ -14,9 +14,10 @@ from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import Body, State
 from jaxlocomanip.planar.vector import Vector, unit, vector
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
+from jaxlocomanip.planner.estimation import ObjectEstimate
 from jaxlocomanip.planner.room import bodies_of, contacts, rooms_at
 from jaxlocomanip.planner.shapes import Shapes
+from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.scenario import Team
 from jaxlocomanip.solver.layout import added
 
@@ -59,55 +60,74 @@ def brake_of(body: Body, proven: Array, shapes: Shapes, config: PlannerConfig) -
     return Brake(smooth, shapes.torsion_radius, *(jnp.asarray(time, resisting.dtype) for time in times))
 
 
+@pytree
+class BrakeRooms:
+    """Least room beyond the margin that inputs [C] leave on the way to rest and of a wait there, m."""
+
+    standing: Array
+    """to obstacles that stand"""
+    team: Array
+    """between robots"""
+    moving: Array
+    """to obstacles that move, until everything is at rest"""
+    later: Array
+    """to obstacles that move, while the team waits at rest"""
+
+    @property
+    def safe(self) -> Array:
+        """[C] bool: room on the way and at rest."""
+        return jnp.minimum(self.on_the_way, self.later) >= 0.0
+
+    @property
+    def to_obstacles(self) -> Array:
+        """[C] m."""
+        return jnp.minimum(jnp.minimum(self.standing, self.moving), self.later)
+
+    @property
+    def on_the_way(self) -> Array:
+        """[C] m, until everything is at rest."""
+        return jnp.minimum(jnp.minimum(self.standing, self.team), self.moving)
+
+
 def braking_rooms(
-    forces: Array,
-    rates: Array,
-    estimate: ObjectEstimate,
-    offset: Array,
-    obstacles: ObstacleEstimate,
-    body: Body,
-    proven: Array,
-    shapes: Shapes,
-    config: PlannerConfig,
-) -> Array:
-    """[C, 3] m, least rooms (`rooms_at`) beyond the margin on the way to rest after one tick of each input.
+    forces: Array, rates: Array, situation: Situation, shapes: Shapes, config: PlannerConfig
+) -> BrakeRooms:
+    """The room on the way to rest after one tick of each input.
 
     Args:
       forces: [C, N_r] N.
       rates: [C, N_r] m/s, of the contact offsets.
-      estimate: the object's state.
-      offset: [N_r] m.
-      obstacles: estimated obstacles.
-      body: the object as estimated.
-      proven: [] N, friction to brake with.
+      situation: what is known.
       shapes: geometry.
       config: settings.
     """
-    brake, bodies = brake_of(body, proven, shapes, config), bodies_of(shapes, config)
-    motion = braking_motion(forces.T, rates.T, estimate.pose, estimate.twist, offset, brake, shapes.team)
+    brake = brake_of(situation.body, situation.proven, shapes, config)
+    motion = braking_motion(forces.T, rates.T, situation.estimate, situation.offset, brake, shapes.team)
     # Instants and inputs along one axis.
     poses, offsets, times = (v.reshape(*v.shape[:-2], -1) for v in motion)
+    obstacles = situation.obstacles
     places = obstacles.position[..., None] + times * obstacles.velocity[..., None]
-    rooms = rooms_at(poses, offsets, places, bodies).reshape(3, *motion[2].shape)
-    return jnp.min(rooms, axis=1).T - config.safety.margin
+    rooms = rooms_at(poses, offsets, places, bodies_of(shapes, config))
+    standing, moving, team = (room.reshape(motion[2].shape) - config.safety.margin for room in rooms)
+    least = lambda room: jnp.min(room, axis=0)  # noqa: E731
+    return BrakeRooms(least(standing), least(team), least(moving[:-WAITS]), least(moving[-WAITS:]))
 
 
 def braking_motion(
-    forces: Array, rates: Array, pose: Array, twist: Array, offset: Array, brake: Brake, team: Team
+    forces: Array, rates: Array, estimate: ObjectEstimate, offset: Array, brake: Brake, team: Team
 ) -> tuple[Array, Array, Array]:
     """Poses [3, n, C], contact offsets [N_r, n, C] and times [n, C] s to rest and of a wait there.
 
     Args:
       forces: [N_r, C] N.
       rates: [N_r, C] m/s.
-      pose: [3] of the object.
-      twist: [3] of the object.
+      estimate: the object's state.
       offset: [N_r] m.
       brake: what braking is reckoned with.
       team: the robots.
     """
     body, after = brake.body, brake.tick + brake.lag
-    pose, twist, offset = (v[:, None] + jnp.zeros_like(forces[:1]) for v in (pose, twist, offset))
+    pose, twist, offset = (v[:, None] + jnp.zeros_like(forces[:1]) for v in (estimate.pose, estimate.twist, offset))
     # A push may move more than expected (a lighter object).
     light = Body(body.mass / LIGHTER, body.inertia / LIGHTER, body.com, body.friction_force, body.friction_moment)
     push, moment = _wrench(forces, offset, team)

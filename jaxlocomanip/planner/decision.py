@@ -10,14 +10,13 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxlocomanip.numerics import pytree, safe_norm
-from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planner import problem, reference, safety
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.path import Path
 from jaxlocomanip.planner.reference import Progress
 from jaxlocomanip.planner.room import FAR
 from jaxlocomanip.planner.shapes import Shapes
+from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.solver import sqp
 from jaxlocomanip.solver.ocp import Plan
 from jaxlocomanip.solver.sqp import Iterate, Options
@@ -48,24 +47,6 @@ class Report:
 
 
 @pytree
-class Situation:
-    """What a plan is made from."""
-
-    estimate: ObjectEstimate
-    body: Body
-    obstacles: ObstacleEstimate
-    path: Path
-    progress: Progress
-    offset: Array
-    force: Array
-    """[N_r] N, pushes believed to act now"""
-    proven: Array
-    """[] N, friction to brake with"""
-    waiting: Array
-    """[] bool: the object has not broken away since it was at rest"""
-
-
-@pytree
 class Decision:
     """What came of it."""
 
@@ -79,11 +60,13 @@ def options(config: PlannerConfig) -> Options:
     return Options(iterations=config.horizon.sqp_iterations)
 
 
-def decide(situation: Situation, warm: Iterate, shapes: Shapes, config: PlannerConfig) -> Decision:
+def decide(
+    situation: Situation, path: Path, progress: Progress, warm: Iterate, shapes: Shapes, config: PlannerConfig
+) -> Decision:
     """Reference, optimal control problem, solver and filter."""
     horizon, estimate, offset = config.horizon, situation.estimate, situation.offset
     times = horizon.dt * jnp.arange(horizon.steps + 1, dtype=estimate.pose.dtype)
-    targets = reference.targets(situation.progress, situation.path, times, config.reference)
+    targets = reference.targets(progress, path, times, config.reference)
     ocp = problem.assemble(targets, warm.plan, situation.body, shapes, situation.obstacles, config)
     x0 = jnp.concatenate([estimate.pose, estimate.twist, offset])
     trying = (config.reference.second_start > 0.5) & (safe_norm(estimate.twist[:2]) < SLOW)
@@ -98,18 +81,7 @@ def decide(situation: Situation, warm: Iterate, shapes: Shapes, config: PlannerC
     gently = jnp.where(config.safety.enabled > 0.5, gently, jnp.inf)
     wanted = jnp.clip(first[:n], 0.0, jnp.minimum(limits.force_max, gently))
     slide = jnp.clip(first[n:], -limits.slide_speed_max, limits.slide_speed_max)
-    sent = safety.safety_filter(
-        wanted,
-        slide,
-        estimate,
-        situation.waiting,
-        offset,
-        situation.obstacles,
-        situation.body,
-        situation.proven,
-        shapes,
-        config,
-    )
+    sent = safety.safety_filter(wanted, slide, situation, shapes, config)
     return Decision(solver, sent, _report(ocp, solver, targets, sent, shapes))
 
 

@@ -20,11 +20,12 @@ from jaxlocomanip.planner import adaptation, breakaway, estimation, path, refere
 from jaxlocomanip.planner.adaptation import ParameterEstimate
 from jaxlocomanip.planner.breakaway import Breakaway
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.decision import Report, Situation, at_rest, decide, options
+from jaxlocomanip.planner.decision import Report, at_rest, decide, options
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.path import Path
 from jaxlocomanip.planner.reference import Progress
 from jaxlocomanip.planner.shapes import Shapes
+from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.scenario import Goal, ObjectModel
 from jaxlocomanip.solver import sqp
 from jaxlocomanip.solver.ocp import Plan
@@ -182,11 +183,8 @@ def tick(
     warm = shift(state.solver, horizon.tick / horizon.dt)
     body = parameters.body
     proven = safety.prove_friction(state.proven, estimate, force, measured.offset, body, task.shapes, config)
-    situation = Situation(
-        estimate, body, obstacles, state.path, progress, measured.offset, force, proven, watched.waiting
-    )
-
-    given = (situation, warm, task.shapes, config)
+    situation = Situation(estimate, body, obstacles, measured.offset, force, proven, watched.waiting)
+    given = (situation, state.path, progress, warm, task.shapes, config)
     decided = _if_awake(progress, decide, given, at_rest(situation, warm), config)
     limit = task.shapes.team.offset_limit
     sent = decided.sent

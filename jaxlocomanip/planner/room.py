@@ -7,6 +7,7 @@ component is one long loop.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from functools import reduce
 
 import jax
@@ -42,6 +43,8 @@ class Bodies:
     """[N_o] m"""
     obstacle_mask: Array
     """[N_o] bool"""
+    obstacle_dynamic: Array
+    """[N_o] bool"""
     protected: Array
     """[2] bool: object, robots"""
 
@@ -55,12 +58,28 @@ def bodies_of(shapes: Shapes, config: PlannerConfig) -> Bodies:
         shapes.obstacle_vertices,
         shapes.obstacle_radius,
         shapes.obstacle_mask,
+        shapes.obstacle_dynamic,
         jnp.stack([jnp.asarray(protection.object), jnp.asarray(protection.robots)]) > 0.5,
     )
 
 
-def rooms_at(poses: Array, offsets: Array, places: Array, bodies: Bodies) -> Array:
-    """[3, n] m, room of the true shapes: object and robots to obstacles, and robots to each other.
+@pytree
+class Rooms:
+    """Least signed distances of true shapes in n situations [n], m."""
+
+    standing: Array
+    """object and robots to obstacles that stand"""
+    moving: Array
+    """object and robots to obstacles that move"""
+    team: Array
+    """robots to each other"""
+
+    def __iter__(self) -> Iterator[Array]:
+        return iter((self.standing, self.moving, self.team))
+
+
+def rooms_at(poses: Array, offsets: Array, places: Array, bodies: Bodies) -> Rooms:
+    """Rooms of n situations.
 
     Args:
       poses: [3, n] of the object.
@@ -70,29 +89,34 @@ def rooms_at(poses: Array, offsets: Array, places: Array, bodies: Bodies) -> Arr
     """
     team = bodies.team
     offsets = jnp.clip(offsets, -team.offset_limit[:, None], team.offset_limit[:, None])
-    object_gap, *robot_gaps = _to_obstacles(poses, offsets, places, bodies)
+    object_gaps, *robot_gaps = _to_obstacles(poses, offsets, places, bodies)
+    object_gaps = jnp.where(bodies.protected[0], object_gaps, FAR)
+    gaps = jnp.minimum(object_gaps, jnp.where(bodies.protected[1], reduce(jnp.minimum, robot_gaps), FAR))
+    moves = bodies.obstacle_dynamic[:, None]
     # Robots whose faces move aside faster than they can walk come into each other's way.
     pairs = [
         team.pair_bounds[p] - added([row * offset for row, offset in zip(team.pair_rows[p], offsets, strict=True)])
         for p in range(team.pair_bounds.shape[0])
     ]
-    far = jnp.full_like(object_gap, FAR)
-    return jnp.stack(
-        [
-            jnp.where(bodies.protected[0], object_gap, far),
-            jnp.where(bodies.protected[1], reduce(jnp.minimum, robot_gaps), far),
-            reduce(jnp.minimum, pairs, far),
-        ]
+    return Rooms(
+        standing=_least(jnp.where(moves, FAR, gaps)),
+        moving=_least(jnp.where(moves, gaps, FAR)),
+        team=reduce(jnp.minimum, pairs, jnp.full_like(gaps[0], FAR)),
     )
 
 
 def robot_rooms(poses: Array, offsets: Array, places: Array, bodies: Bodies) -> Array:
     """[N_r, n] m, room of each robot's true shape to the obstacles; arguments as in `rooms_at`."""
-    return _to_obstacles(poses, offsets, places, bodies)[1:]
+    return jnp.stack([_least(gaps) for gaps in _to_obstacles(poses, offsets, places, bodies)[1:]])
+
+
+def _least(rows: Array) -> Array:
+    """[n], least of [N, n], in elementwise operations."""
+    return reduce(jnp.minimum, [*rows])
 
 
 def _to_obstacles(poses: Array, offsets: Array, places: Array, bodies: Bodies) -> Array:
-    """[1 + N_r, n] m, signed distance of object and robots to the nearest obstacle."""
+    """[1 + N_r, N_o, n] m, signed distances of object and robots to the obstacles; `FAR` where there is none."""
     moving = outline(_corners(poses, offsets, bodies))
     vertices = jnp.moveaxis(bodies.obstacle_vertices, 1, 0)
     standing = outline(Vector(vertices[:, :, 0], vertices[:, :, 1]))
@@ -103,8 +127,7 @@ def _to_obstacles(poses: Array, offsets: Array, places: Array, bodies: Bodies) -
     )
     seen = dataclasses.replace(moving, corner=moving.corner - Vector(places[:, 0], places[:, 1]))
     each = outline_distance(seen, standing)
-    each = jnp.where(bodies.obstacle_mask[:, None], each - bodies.obstacle_radius[:, None], FAR)
-    return reduce(jnp.minimum, [each[:, o] for o in range(each.shape[1])])
+    return jnp.where(bodies.obstacle_mask[:, None], each - bodies.obstacle_radius[:, None], FAR)
 
 
 def _corners(poses: Array, offsets: Array, bodies: Bodies) -> Vector:

@@ -11,8 +11,6 @@ The choice is piecewise constant and is held fixed when gradients are taken.
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,12 +20,16 @@ from jaxlocomanip.lanes import where_needed
 from jaxlocomanip.numerics import pytree, safe_norm
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
-from jaxlocomanip.planner.braking import braking_rooms
+from jaxlocomanip.planner.braking import BrakeRooms, braking_rooms
 from jaxlocomanip.planner.breakaway import limit_push
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
+from jaxlocomanip.planner.estimation import ObjectEstimate
 from jaxlocomanip.planner.room import FAR, keep_room, slide_limits
 from jaxlocomanip.planner.shapes import Shapes
+from jaxlocomanip.planner.situation import Situation
+
+STOP = -2
+"""place of the candidate that neither pushes nor slides"""
 
 
 @pytree
@@ -60,61 +62,62 @@ def candidates(force: Array, rate: Array, back: Array) -> tuple[Array, Array]:
     return pushes * force, jnp.where(slides[:, None] < 0.0, back, slides[:, None] * rate)
 
 
-def safety_filter(
-    force: Array,
-    rate: Array,
-    estimate: ObjectEstimate,
-    waiting: Array,
-    offset: Array,
-    obstacles: ObstacleEstimate,
-    body: Body,
-    proven: Array,
-    shapes: Shapes,
-    config: PlannerConfig,
-) -> Filtered:
+def safety_filter(force: Array, rate: Array, situation: Situation, shapes: Shapes, config: PlannerConfig) -> Filtered:
     """The nearest safe input (see the module's text).
 
     Args:
       force: [N_r] N, the planner's first force.
       rate: [N_r] m/s, its first offset rate.
-      estimate: the object's state.
-      waiting: [] bool, the object has not moved since it was at rest (`breakaway`).
-      offset: [N_r] m.
-      obstacles: estimated obstacles.
-      body: the object as estimated; friction is replaced by the proven one.
-      proven: [] N, friction that the floor has shown to have (`prove_friction`).
+      situation: what is known; of its friction the proven one is used.
       shapes: geometry.
       config: settings.
     """
-    fastest = slide_limits(estimate.pose, offset, obstacles.position, shapes, config)
+    offset = situation.offset
+    fastest = slide_limits(situation.estimate.pose, offset, situation.obstacles.position, shapes, config)
 
     def kept(rate: Array) -> Array:
         return keep_room(offset, jnp.clip(rate, -fastest[0], fastest[1]), shapes.team, config.safety.margin)
 
     forces, rates = candidates(force, kept(rate), kept(-rate))
-    situation = (estimate, offset, obstacles, body, proven, shapes, config)
 
-    def rooms(given: tuple[Any, Array, Array]) -> Array:
-        situation, pushes, slides = given
+    def rooms(given: tuple[Array, Array, Situation, Shapes, PlannerConfig]) -> BrakeRooms:
+        pushes, slides, situation, shapes, config = given
         # A push may help to brake as well as drive: neither more nor less of it than expected may do harm.
         doubled = jnp.concatenate([pushes, jnp.zeros_like(pushes)]), jnp.concatenate([slides, slides])
-        return jnp.minimum(*jnp.split(braking_rooms(*doubled, *situation), 2))
+        both = braking_rooms(*doubled, situation, shapes, config)
+        return jax.tree.map(lambda room: jnp.minimum(*jnp.split(room, 2)), both)
 
-    own = rooms((situation, forces[:1], rates[:1]))
-    keep = jnp.all(own >= 0.0) | (config.safety.enabled < 0.5)
+    own = rooms((forces[:1], rates[:1], situation, shapes, config))
+    keep = own.safe[0] | (config.safety.enabled < 0.5)
 
     # Most inputs are safe as they are: the others are looked at only where this one is not.
-    given = jax.lax.stop_gradient((situation, forces[1:], rates[1:]))
-    others = where_needed(~keep, rooms, given, jnp.full((forces.shape[0] - 1, own.shape[1]), -FAR, forces.dtype))
-    room = jnp.concatenate([own, others])
-    spare = jnp.min(room, axis=1)
-    # Without a safe candidate a team at rest stays at rest, and ties go to the earlier one, lest it fidget.
-    still = waiting & (jnp.max(forces, axis=1) > 0.0)
-    spare = jnp.where(still & (spare < 0.0), spare - FAR, spare)
-    order = jnp.arange(room.shape[0], dtype=room.dtype)
-    score = jnp.where(spare >= 0.0, 1e3 - order, spare - 1e-4 * order)
-    best = jax.lax.stop_gradient(jnp.where(keep, 0, jnp.argmax(score)))
-    return Filtered(forces[best], rates[best], best.astype(jnp.int32), jnp.min(room[best, :2]))
+    given = jax.lax.stop_gradient((forces[1:], rates[1:], situation, shapes, config))
+    unseen = jax.tree.map(lambda room: jnp.full((forces.shape[0] - 1,), -FAR, room.dtype), own)
+    others = where_needed(~keep, rooms, given, unseen)
+    room = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), own, others)
+    best = jax.lax.stop_gradient(jnp.where(keep, 0, preferred(room, forces, situation.waiting)))
+    return Filtered(forces[best], rates[best], best.astype(jnp.int32), room.to_obstacles[best])
+
+
+def preferred(room: BrakeRooms, forces: Array, waiting: Array) -> Array:
+    """[] int, the candidate to send.
+
+    The first that is safe; else, of those that come to rest in time, the one with the most room to what comes its way
+    then; else, if an obstacle that moves can no longer be avoided, none of push and slide; else the one with the most
+    room on the way to rest.
+
+    Args:
+      room: of the candidates.
+      forces: [n, N_r] N, theirs.
+      waiting: [] bool, the team is at rest.
+    """
+    # Ties go to the earlier one, and without a safe one a team at rest stays at rest, lest it fidget.
+    order = jnp.arange(forces.shape[0], dtype=forces.dtype)
+    last = 1e-4 * order + FAR * (waiting & (jnp.max(forces, axis=1) > 0.0))
+    stops = room.on_the_way >= 0.0
+    in_time = jnp.argmax(jnp.where(stops, room.later - last, -jnp.inf))
+    too_late = jnp.where(jnp.any(room.moving >= 0.0), jnp.argmax(room.on_the_way - last), order.shape[0] + STOP)
+    return jnp.where(jnp.any(room.safe), jnp.argmax(room.safe), jnp.where(jnp.any(stops), in_time, too_late))
 
 
 def least_friction(body: Body, config: PlannerConfig) -> Array:

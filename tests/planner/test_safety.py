@@ -12,6 +12,7 @@ from jaxlocomanip.planner import room, safety
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.shapes import shapes_of
+from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.worlds.interface import Push
 from jaxlocomanip.worlds.planar import PlanarState, PlanarWorld
 
@@ -46,8 +47,8 @@ def filtered(scenario, state, force, rate, config=CONFIG):
     estimate = ObjectEstimate(state.pose, state.twist, zero)
     proven = safety.least_friction(body, config)
     at_rest = jnp.max(jnp.abs(state.twist)) < 0.02
-    given = (state.offset, seen, body, proven, shapes_of(scenario), config)
-    return safety.safety_filter(force, rate, estimate, at_rest, *given)
+    situation = Situation(estimate, body, seen, state.offset, jnp.zeros_like(force), proven, at_rest)
+    return safety.safety_filter(force, rate, situation, shapes_of(scenario), config)
 
 
 def at(scenario, pose, twist=(0.0, 0.0, 0.0)):

@@ -64,8 +64,8 @@ def clearance(poses, shapes, place, radius=0.3, offsets=None):
 
 @jax.jit
 def all_rooms(poses, offsets, places, shapes):
-    """[n, 3] room of the object, the robots and within the team along a path."""
-    return rooms_at(poses.T, offsets.T, places[..., None], bodies_of(shapes, CONFIG)).T
+    """[3, n] room to obstacles that stand, to those that move, and within the team along a path."""
+    return jnp.stack([*rooms_at(poses.T, offsets.T, places[..., None], bodies_of(shapes, CONFIG))])
 
 
 def body_directions(path):

@@ -1,0 +1,27 @@
+"""What the planner knows in one tick, as estimated."""
+
+from __future__ import annotations
+
+from jax import Array
+
+from jaxlocomanip.numerics import pytree
+from jaxlocomanip.planar.dynamics import Body
+from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
+
+
+@pytree
+class Situation:
+    """What inputs are chosen from."""
+
+    estimate: ObjectEstimate
+    body: Body
+    """the object as estimated"""
+    obstacles: ObstacleEstimate
+    offset: Array
+    """[N_r] m, contact offsets"""
+    force: Array
+    """[N_r] N, pushes believed to act now"""
+    proven: Array
+    """[] N, friction to brake with (`safety.prove_friction`)"""
+    waiting: Array
+    """[] bool: the object has not broken away since it was at rest (`breakaway`)"""
