@@ -177,7 +177,7 @@ def _filter(
     estimate, parameters, obstacles, acting, watched = observed
     body = parameters.body
     proven = safety.least_friction(body, config)
-    seen = Situation(estimate, body, obstacles, measured.offset, acting, proven, watched.waiting)
+    seen = Situation(estimate, body, obstacles, measured.offset, acting, proven, watched.waiting, jnp.zeros((), bool))
     return safety.safety_filter(force, rate, seen, task.shapes, config)
 
 

@@ -109,8 +109,10 @@ def braking_rooms(
     places = obstacles.position[..., None] + times * obstacles.velocity[..., None]
     rooms = rooms_at(poses, offsets, places, bodies_of(shapes, config))
     standing, moving, team = (room.reshape(motion[2].shape) - config.safety.margin for room in rooms)
+    # Until it is at rest the team answers for what it runs into: what moves may turn round in the meantime.
+    swerve = 0.5 * config.safety.swerve * motion[2][:-WAITS] ** 2
     least = lambda room: jnp.min(room, axis=0)  # noqa: E731
-    return BrakeRooms(least(standing), least(team), least(moving[:-WAITS]), least(moving[-WAITS:]))
+    return BrakeRooms(least(standing), least(team), least(moving[:-WAITS] - swerve), least(moving[-WAITS:]))
 
 
 def braking_motion(

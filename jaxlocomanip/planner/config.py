@@ -182,7 +182,9 @@ class SafetyFilter:
     lag: Number = 0.06
     """s, after which a withdrawn push has faded"""
     look_ahead: Number = 2.5
-    """s, moving obstacles are avoided over this time"""
+    """s, moving obstacles are avoided over this time by a team that waits"""
+    swerve: Number = 0.8
+    """m/s^2, with which an obstacle may change its velocity while the team brakes"""
 
 
 @pytree

@@ -16,7 +16,7 @@ from jax import Array
 from jaxlocomanip.lanes import GROUP, where_needed
 from jaxlocomanip.numerics import T, pytree, select, wrap_angle
 from jaxlocomanip.planar import dynamics
-from jaxlocomanip.planner import adaptation, breakaway, estimation, path, reference, route, safety
+from jaxlocomanip.planner import adaptation, breakaway, estimation, path, reference, route, safety, schedule
 from jaxlocomanip.planner.adaptation import ParameterEstimate
 from jaxlocomanip.planner.breakaway import Breakaway
 from jaxlocomanip.planner.config import PlannerConfig
@@ -183,7 +183,9 @@ def tick(
     warm = shift(state.solver, horizon.tick / horizon.dt)
     body = parameters.body
     proven = safety.prove_friction(state.proven, estimate, force, measured.offset, body, task.shapes, config)
-    situation = Situation(estimate, body, obstacles, measured.offset, force, proven, watched.waiting)
+    situation = Situation(estimate, body, obstacles, measured.offset, force, proven, watched.waiting, progress.held)
+    progress = _scheduled(progress, state.path, situation, task.shapes, config)
+    situation = dataclasses.replace(situation, held=progress.held)
     given = (situation, state.path, progress, warm, task.shapes, config)
     decided = _if_awake(progress, decide, given, at_rest(situation, warm), config)
     limit = task.shapes.team.offset_limit
@@ -206,6 +208,20 @@ def tick(
         command,
     )
     return new, command, decided.report
+
+
+def _scheduled(progress: Progress, path: Path, situation: Situation, shapes: Shapes, config: PlannerConfig) -> Progress:
+    """The progress, held where the team has to wait for an obstacle to pass."""
+    moving = jnp.any(shapes.obstacle_dynamic & shapes.obstacle_mask)
+    given = (path, progress, situation, shapes, config)
+    held = where_needed(
+        moving & ~progress.resting,
+        lambda given: schedule.has_to_wait(*given),
+        given,
+        jnp.zeros((), bool),
+        config.horizon.rest_skips,
+    )
+    return dataclasses.replace(progress, held=held)
 
 
 def observe(

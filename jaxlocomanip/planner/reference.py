@@ -25,6 +25,8 @@ class Progress:
     """[] m, arc length of the reference"""
     resting: Array
     """[] bool, arrived: the team rests until the object leaves the tolerance"""
+    held: Array
+    """[] bool, waits for an obstacle to pass"""
     stalled: Array
     """[] int, searches in a row between which the team hardly got on"""
 
@@ -45,19 +47,19 @@ class Targets:
 
 def start() -> Progress:
     """Progress at the beginning of a path."""
-    return Progress(jnp.zeros(()), jnp.zeros(()), jnp.zeros((), bool), jnp.zeros((), jnp.int32))
+    return Progress(jnp.zeros(()), jnp.zeros(()), jnp.zeros((), bool), jnp.zeros((), bool), jnp.zeros((), jnp.int32))
 
 
 def stalls(progress: Progress, settings: Reference) -> Array:
     """[] int, searches in a row, up to now, between which the team hardly got on."""
-    slow = ~progress.resting & (progress.projected < STALLED * settings.speed * settings.replan)
+    slow = ~progress.resting & ~progress.held & (progress.projected < STALLED * settings.speed * settings.replan)
     return jnp.where(slow, progress.stalled + 1, 0)
 
 
 def restart(progress: Progress, path: Path, settings: Reference) -> Progress:
     """Progress on a new path that begins at the object; the lead is kept."""
     lead = jnp.clip(progress.reference - progress.projected, 0.0, path.length)
-    return Progress(jnp.zeros_like(lead), lead, progress.resting, stalls(progress, settings) % PATIENCE)
+    return Progress(jnp.zeros_like(lead), lead, progress.resting, progress.held, stalls(progress, settings) % PATIENCE)
 
 
 def advance(
@@ -87,31 +89,35 @@ def advance(
     window = (path.arc >= progress.projected - 1e-4) & (path.arc <= progress.projected + 0.5)
     projected = path.arc[jnp.argmin(jnp.where(window, distance, jnp.inf))]
     projected = jnp.maximum(projected, progress.projected)
-    pace = speed(progress, path, settings)
+    pace = speed_at(progress.reference, path, settings)
     ahead = jnp.minimum(progress.reference + pace * tick, projected + settings.lead)
     reference = jnp.minimum(jnp.maximum(ahead, projected), path.length)
+    reference = jnp.where(progress.held, projected, reference)
     off = pose - goal
     misfit = jnp.maximum(jnp.sqrt(jnp.sum(off[:2] ** 2)) / tolerance[0], jnp.abs(wrap_angle(off[2])) / tolerance[1])
     # Where the object has come to stand within the tolerances it had better stay: the next approach may end worse.
     stands = (jnp.max(jnp.abs(twist[:2])) < STILL[0]) & (jnp.abs(twist[2]) < STILL[1])
     limit = jnp.where(progress.resting | stands, settings.leave, settings.arrive)
-    return Progress(projected, reference, misfit < limit, progress.stalled)
+    return Progress(projected, reference, misfit < limit, progress.held, progress.stalled)
 
 
-def speed(progress: Progress, path: Path, settings: Reference) -> Array:
-    """[] m/s, speed of the reference: v_avg, or less where a robot would have to walk sideways too fast."""
-    limit = settings.walk_fraction * path.speed_limit(progress.reference)
-    return jnp.minimum(settings.speed, limit)
+def speed_at(arc: Array, path: Path, settings: Reference) -> Array:
+    """[...] m/s, of the reference at arc lengths [...] m: v_avg, or less where robots would have to walk too fast."""
+    return jnp.minimum(settings.speed, settings.walk_fraction * path.speed_limit(arc))
 
 
 def targets(progress: Progress, path: Path, times: Array, settings: Reference) -> Targets:
-    """Reference at `times` [N + 1] s from now: constant speed, then an exponential approach to the end of the path."""
-    pace, settle = speed(progress, path, settings), settings.settle
+    """Reference at `times` [N + 1] s from now: constant speed, then an exponential approach to the end of the path.
+
+    A team that waits stays where it is.
+    """
+    pace, settle = speed_at(progress.reference, path, settings), settings.settle
+    times = jnp.where(progress.held, 0.0, times)
     remaining = path.length - progress.reference
     fast = jnp.maximum(remaining - settle, 0.0) / pace
     slow = jnp.minimum(remaining, settle) * jnp.exp(-pace * jnp.maximum(times - fast, 0.0) / settle)
     left = jnp.where(times < fast, remaining - pace * times, slow)
-    rate = jnp.where(times < fast, pace, pace * slow / settle)
+    rate = jnp.where(progress.held, 0.0, jnp.where(times < fast, pace, pace * slow / settle))
     arc = path.length - left
     ahead, behind = path.at(arc + 0.02), path.at(arc - 0.02)
     span = jnp.minimum(arc + 0.02, path.length) - jnp.maximum(arc - 0.02, 0.0)
@@ -120,7 +126,8 @@ def targets(progress: Progress, path: Path, times: Array, settings: Reference) -
     # for no push, and an object that sticks short of it would stay there.
     follow = jnp.minimum(progress.projected + pace * times, arc)
     force, offset = path.feed_forward(follow)
-    moving = jnp.maximum(rate, jnp.where(follow < path.length - STOPPED, pace, 0.0))
+    sticks = (follow < path.length - STOPPED) & ~progress.held
+    moving = jnp.maximum(rate, jnp.where(sticks, pace, 0.0))
     moving = jnp.minimum(moving / (FADE * pace), 1.0)
     return Targets(path.at(arc), slope * rate[:, None], force * moving[:, None], offset)
 

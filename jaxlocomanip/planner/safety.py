@@ -11,6 +11,8 @@ The choice is piecewise constant and is held fixed when gradients are taken.
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -85,7 +87,9 @@ def safety_filter(force: Array, rate: Array, situation: Situation, shapes: Shape
         # A push may help to brake as well as drive: neither more nor less of it than expected may do harm.
         doubled = jnp.concatenate([pushes, jnp.zeros_like(pushes)]), jnp.concatenate([slides, slides])
         both = braking_rooms(*doubled, situation, shapes, config)
-        return jax.tree.map(lambda room: jnp.minimum(*jnp.split(room, 2)), both)
+        least = jax.tree.map(lambda room: jnp.minimum(*jnp.split(room, 2)), both)
+        # A team that is on its way past an obstacle may do what it could not survive if it stopped for good.
+        return dataclasses.replace(least, later=jnp.where(situation.held, least.later, FAR))
 
     own = rooms((forces[:1], rates[:1], situation, shapes, config))
     keep = own.safe[0] | (config.safety.enabled < 0.5)

@@ -25,3 +25,5 @@ class Situation:
     """[] N, friction to brake with (`safety.prove_friction`)"""
     waiting: Array
     """[] bool: the object has not broken away since it was at rest (`breakaway`)"""
+    held: Array
+    """[] bool: the team waits for an obstacle to pass (`schedule`)"""

@@ -47,7 +47,9 @@ def filtered(scenario, state, force, rate, config=CONFIG):
     estimate = ObjectEstimate(state.pose, state.twist, zero)
     proven = safety.least_friction(body, config)
     at_rest = jnp.max(jnp.abs(state.twist)) < 0.02
-    situation = Situation(estimate, body, seen, state.offset, jnp.zeros_like(force), proven, at_rest)
+    situation = Situation(
+        estimate, body, seen, state.offset, jnp.zeros_like(force), proven, at_rest, jnp.ones((), bool)
+    )
     return safety.safety_filter(force, rate, situation, shapes_of(scenario), config)
 
 
