@@ -44,6 +44,8 @@ class Report:
     """[] int, 0: the planner's own input was sent"""
     filter_room: Array
     """[] m"""
+    waits: Array
+    """[] bool, for an obstacle to pass"""
 
 
 @pytree
@@ -82,7 +84,7 @@ def decide(
     wanted = jnp.clip(first[:n], 0.0, jnp.minimum(limits.force_max, gently))
     slide = jnp.clip(first[n:], -limits.slide_speed_max, limits.slide_speed_max)
     sent = safety.safety_filter(wanted, slide, situation, shapes, config)
-    return Decision(solver, sent, _report(ocp, solver, targets, sent, shapes))
+    return Decision(solver, sent, _report(ocp, solver, targets, sent, shapes, situation.held))
 
 
 def at_rest(situation: Situation, warm: Iterate) -> Decision:
@@ -94,11 +96,17 @@ def at_rest(situation: Situation, warm: Iterate) -> Decision:
     converged = jnp.zeros_like(warm.status)
     solver = Iterate(stay, warm.damping, zero, zero, zero, zero, converged)
     sent = safety.Filtered(none, none, jnp.zeros((), jnp.int32), free)
-    return Decision(solver, sent, Report(situation.estimate.pose, free, free, zero, sent.choice, free))
+    report = Report(situation.estimate.pose, free, free, zero, sent.choice, free, situation.held)
+    return Decision(solver, sent, report)
 
 
 def _report(
-    ocp: problem.PushProblem, solver: Iterate, targets: reference.Targets, sent: safety.Filtered, shapes: Shapes
+    ocp: problem.PushProblem,
+    solver: Iterate,
+    targets: reference.Targets,
+    sent: safety.Filtered,
+    shapes: Shapes,
+    waits: Array,
 ) -> Report:
     team = shapes.team
     clf = 6 * team.offset.shape[0] + team.pair_bounds.shape[0]
@@ -113,4 +121,5 @@ def _report(
         clf=first.inequality[clf],
         filter_choice=sent.choice,
         filter_room=sent.room,
+        waits=waits,
     )

@@ -176,8 +176,16 @@ def _clearances(axes: Axes, episode: History) -> None:
         finite = finite_clearance(distance)
         if np.isfinite(finite).any():
             axes.plot(log.time, finite, color=color, label=label)
+    _shade(axes, log.time, log.report.waits, "waits")
     axes.axhline(0.0, **_LIMIT, label="contact")
     axes.set_ylabel("clearance\n[m]")
+
+
+def _shade(axes: Axes, time: Floats, where: NDArray[np.bool_], label: str) -> None:
+    """Shade the times at which something holds, if there are any."""
+    if np.any(where):
+        span = axes.get_xaxis_transform()
+        axes.fill_between(time, 0, 1, where=where, transform=span, color="0.85", lw=0, step="post", label=label)
 
 
 def _barriers(axes: Axes, episode: History) -> None:
@@ -189,12 +197,7 @@ def _barriers(axes: Axes, episode: History) -> None:
         axes.plot(log.time, values[1], color=_ROBOTS, label="robots [m/s]")
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         axes.set_ylim(min(low - 0.2, -0.5), max(min(high, 6.0), low + 1.0))
-    if np.any(log.report.filter_choice != 0):
-        span = axes.get_xaxis_transform()
-        held = log.report.filter_choice != 0
-        axes.fill_between(
-            log.time, 0, 1, where=held, transform=span, color="0.8", lw=0, step="post", label="filter acts"
-        )
+    _shade(axes, log.time, log.report.filter_choice != 0, "filter acts")
     axes.axhline(0.0, **_LIMIT, label="limit")
     axes.set_ylabel("CBF\ncondition")
 

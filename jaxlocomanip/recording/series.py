@@ -165,7 +165,10 @@ def _safety(episode: History) -> list[Plot]:
         _still("limit", "limit", 0.0),
     ]
     lyapunov = [Line("condition", "condition", report.clf, THIRD), _still("limit", "limit", 0.0)]
-    choice = [Line("choice", "candidate sent", report.filter_choice.astype(float), SECOND, 2.0, True)]
+    choice = [
+        Line("choice", "candidate sent", report.filter_choice.astype(float), SECOND, 2.0, True),
+        Line("waits", "waits for an obstacle (1)", report.waits.astype(float), THIRD, 1.2, True),
+    ]
     return [
         Plot("Safety", "safety/clearance", "Clearance between true shapes, m (contact below 0)", clearances),
         Plot("Safety", "safety/barrier", "Barrier conditions (CBF), at least 0", barriers),

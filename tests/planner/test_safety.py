@@ -38,7 +38,7 @@ def scene(make_scenario):
 
 
 @jax.jit
-def filtered(scenario, state, force, rate, config=CONFIG):
+def filtered(scenario, state, force, rate, config=CONFIG, held=True):
     """The filter with a perfect estimate, believing in more friction than there is."""
     zero = jnp.zeros(3)
     obstacles = scenario.obstacles
@@ -47,9 +47,7 @@ def filtered(scenario, state, force, rate, config=CONFIG):
     estimate = ObjectEstimate(state.pose, state.twist, zero)
     proven = safety.least_friction(body, config)
     at_rest = jnp.max(jnp.abs(state.twist)) < 0.02
-    situation = Situation(
-        estimate, body, seen, state.offset, jnp.zeros_like(force), proven, at_rest, jnp.ones((), bool)
-    )
+    situation = Situation(estimate, body, seen, state.offset, jnp.zeros_like(force), proven, at_rest, jnp.asarray(held))
     return safety.safety_filter(force, rate, situation, shapes_of(scenario), config)
 
 
@@ -113,6 +111,23 @@ def test_an_approaching_obstacle_is_seen_coming(scene):
     assert filtered(scenario, at(scenario, (0.0, 0.0, 0.0)), force, jnp.zeros(2)).choice > 0
 
 
+def test_a_team_on_its_way_past_an_obstacle_need_not_survive_a_stop(scene):
+    scenario = scene(face=2.0, velocity=(-0.6, 0.0))
+    here, force = at(scenario, (2.0 - 0.25 - 0.8, 0.0, 0.0)), jnp.array([0.0, 45.0])
+    assert filtered(scenario, here, force, jnp.zeros(2), held=True).choice > 0
+    assert filtered(scenario, here, force, jnp.zeros(2), held=False).choice == 0
+
+
+@pytest.mark.parametrize("gap", [-0.1, -0.01, 0.01])
+def test_what_cannot_be_avoided_finds_the_team_at_rest(scene, gap):
+    """Whoever moves during a contact has moved into the obstacle."""
+    scenario = scene(face=2.0, velocity=(-0.5, 0.0))
+    here, force, rate = at(scenario, (2.0 - 0.25 - gap, 0.0, 0.0)), jnp.array([0.0, 45.0]), jnp.array([0.4, 0.4])
+    for held in (False, True):
+        sent = filtered(scenario, here, force, rate, held=held)
+        assert (sent.force == 0.0).all() and (sent.offset_rate == 0.0).all()
+
+
 @jax.jit
 def let_go(scenario, state, sent):
     """Least clearance over one tick of the filtered input and then two seconds of nothing, and whether it rests."""
@@ -154,6 +169,44 @@ def test_the_braking_promise_holds_in_the_planar_world(scene):
     assert np.asarray(rests).all()
     worst = np.argmin(np.where(touched, least, np.inf))
     assert not touched.any(), (touched.sum(), least[worst], poses[worst], twists[worst], sent.force[worst])
+
+
+@jax.jit
+def stops_before(scenario, poses, twists, forces, times):
+    """For random states [n] and inputs: whether the filter let them pass, and the least clearance until rest."""
+
+    def one(pose, twist, force):
+        state = at(scenario, pose, twist)
+        sent = filtered(scenario, state, force, jnp.zeros(2), held=False)
+
+        def tick(state, given):
+            force, time = given
+            after = WORLD.step(state, scenario, pushing(force, jnp.zeros_like(force)), 0.0, TICK)
+            least = clearances(scenario, WORLD.view(after, scenario), scenario.obstacles.at(time + TICK))
+            least = jnp.minimum(least.object, least.robots)
+            return after, jnp.where(jnp.any(after.twist != 0.0), least, jnp.inf)
+
+        pushes = jnp.zeros((times.shape[0], 2)).at[0].set(sent.force)
+        return sent, jnp.min(jax.lax.scan(tick, state, (pushes, times))[1])
+
+    return jax.vmap(one)(poses, twists, forces)
+
+
+def test_what_passes_stops_before_a_wall_that_comes_nearer(scene):
+    """No contact while the object moves; what happens to a team at rest is not its doing."""
+    rng = np.random.default_rng(1)
+    count = 1000
+    gap = rng.uniform(0.0, 0.8, count)
+    poses = np.stack([2.0 - DISC - gap, np.zeros(count), rng.uniform(-0.6, 0.6, count)], axis=1)
+    twists = rng.uniform(-0.8, 0.8, (count, 3)) * [1.0, 0.5, 1.5]
+    forces = rng.uniform(0.0, 45.0, (count, 2))
+    scenario = scene(face=2.0, velocity=(-0.5, 0.0))
+    times = jnp.arange(100) * TICK
+    sent, least = stops_before(scenario, *(jnp.asarray(v) for v in (poses, twists, forces)), times)
+    promised = np.asarray(sent.room >= 0.0)
+    assert promised.sum() > 300 and (promised & (np.asarray(sent.choice) > 0)).sum() > 30
+    assert (np.asarray(least)[promised] > 0.0).all()
+    assert (np.asarray(least)[~promised] <= 0.0).any()
 
 
 @jax.jit
