@@ -10,14 +10,24 @@ of each other's way.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import pytree, safe_norm
+from jaxlocomanip.numerics import T, apart, pytree, safe_norm
 from jaxlocomanip.planar.dynamics import Body
-from jaxlocomanip.planar.geometry import cross, feature_distance, nearest_feature, outline, perpendicular, rotate
-from jaxlocomanip.planar.vector import Vector
+from jaxlocomanip.planar.geometry import (
+    Outline,
+    cross,
+    feature_distance,
+    nearest_feature,
+    outline,
+    perpendicular,
+    rotate,
+)
+from jaxlocomanip.planar.vector import Vector, choose, vectors
 from jaxlocomanip.planner.authority import CAPACITY, usable_offsets
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
@@ -25,7 +35,7 @@ from jaxlocomanip.planner.penalty import relaxed_barrier
 from jaxlocomanip.planner.pose_grid import FREE, MISS
 from jaxlocomanip.planner.shapes import ROBOT_DISCS, Shapes
 from jaxlocomanip.scenario import Team
-from jaxlocomanip.solver.ocp import Penalty, Stage, StageModel, forward_model
+from jaxlocomanip.solver.ocp import Penalty, Plan, Stage, StageModel, forward_model, stage_cost
 
 _EFFORT = 0.1
 """weight of squared pushes beside that of squared steps: the robots share, and keep off the ends of their ranges"""
@@ -78,6 +88,18 @@ class PathStage:
 
 
 @pytree
+class Near:
+    """What is nearest to each of D discs, for small changes of their places."""
+
+    distance: Array
+    """[D] m, to the nearest obstacle"""
+    normal: Array
+    """[D, 2] away from it"""
+    center: Array
+    """[D, 2] m, where the disc was"""
+
+
+@pytree
 class PathProblem:
     """Implements `solver.ocp.Problem`.
 
@@ -98,6 +120,11 @@ class PathProblem:
 
     def stage(self, x: Array, u: Array, data: PathStage) -> Stage:
         """One step of quasi-static motion."""
+        alone = self.nearest(x[None], jax.tree.map(lambda leaf: leaf[None], data))
+        return self.stage_near(x, u, data, jax.tree.map(lambda leaf: leaf[0], alone))
+
+    def stage_near(self, x: Array, u: Array, data: PathStage, near: Near) -> Stage:
+        """One step of quasi-static motion near known features of obstacles."""
         pose, offset, (push, slide) = x[:3], x[3:], jnp.split(u, 2)
         team = self.shapes.team
         move, norm = motion(push, offset, self.friction, team)
@@ -123,33 +150,59 @@ class PathProblem:
         return Stage(
             jnp.concatenate([reached, offset + slide]),
             residual,
-            jnp.concatenate([*inequality, self.room(pose, offset, data.time)]),
+            jnp.concatenate([*inequality, self.room(pose, offset, near)]),
         )
 
-    def room(self, pose: Array, offset: Array, time: Array) -> Array:
-        """[n] m, distances of all discs to their nearest obstacles, beyond radius and margin."""
-        shapes = self.shapes
-        robots = shapes.robot_centers(offset).reshape(-1, 2)
-        centers = pose[:2] + rotate(pose[2], jnp.concatenate([shapes.object_centers, robots]))
-        held = jax.lax.stop_gradient(centers)
-        radii = jnp.concatenate([shapes.object_radii, jnp.repeat(shapes.robot_radii, ROBOT_DISCS)])
-        places = self.obstacles.position + time * self.obstacles.velocity
-        berth = jnp.where(shapes.obstacle_dynamic, self.config.reference.caution * time, 0.0)
+    def centers(self, pose: Array, offset: Array) -> Array:
+        """[D, 2] m, of all discs: the object's and the robots'."""
+        robots = self.shapes.robot_centers(offset).reshape(-1, 2)
+        return pose[:2] + rotate(pose[2], jnp.concatenate([self.shapes.object_centers, robots]))
 
-        def nearest(center: Array) -> tuple[Array, Array]:
-            def to(place: Array, vertices: Array) -> tuple[Array, Array]:
-                point, corners = (Vector(v[..., 0], v[..., 1]) for v in (center - place, vertices))
-                distance, normal, _ = feature_distance(point, nearest_feature(point, outline(corners)))
-                return distance, jnp.stack([normal.x, normal.y])
+    def room(self, pose: Array, offset: Array, near: Near) -> Array:
+        """[D] m, distances of all discs to their nearest obstacles, beyond radius and margin."""
+        radii = jnp.concatenate([self.shapes.object_radii, jnp.repeat(self.shapes.robot_radii, ROBOT_DISCS)])
+        along = jnp.sum(near.normal * (self.centers(pose, offset) - near.center), axis=1)
+        return near.distance + along - radii - self.config.constraints.margin
 
-            distance, normal = jax.vmap(to)(places, shapes.obstacle_vertices)
-            distance = jnp.where(shapes.obstacle_mask, distance - shapes.obstacle_radius - berth, 1e3)
-            best = jnp.argmin(distance)
-            return distance[best], normal[best]
+    def rooms(self, xs: Array) -> Array:
+        """[N, D] m, room at states [N, nx] of all stages."""
+        near = self.nearest(xs, self.stages)
+        return jax.vmap(lambda x, n: self.room(x[:3], x[3:], n))(xs, near)
 
-        distance, normal = jax.lax.stop_gradient(jax.vmap(nearest)(held))
-        along = jnp.sum(normal * (centers - held), axis=1)
-        return distance + along - radii - self.config.constraints.margin
+    def nearest(self, xs: Array, stages: PathStage) -> Near:
+        """Leaves [n, D, ...]: what is nearest to each disc at states [n, nx] of so many stages; held fixed."""
+        shapes, obstacles = self.shapes, self.obstacles
+        held = jax.lax.stop_gradient(jax.vmap(lambda x: self.centers(x[:3], x[3:]))(xs))
+        # Stages last, so that every operation on a component is one long loop.
+        point = Vector(*jnp.moveaxis(held, (2, 1), (0, 1)))
+        places = obstacles.position[..., None] + obstacles.velocity[..., None] * stages.time
+        berth = jnp.where(shapes.obstacle_dynamic[:, None], self.config.reference.caution * stages.time, 0.0)
+        corners = vectors(jnp.swapaxes(shapes.obstacle_vertices, 0, 1))
+        shape = jax.tree.map(lambda leaf: leaf[:, :, None, None], outline(corners))
+        away, outwards = _from_obstacles(point[None] - Vector(places[:, None, 0], places[:, None, 1]), shape)
+        away = away - (shapes.obstacle_radius[:, None] + berth)[:, None]
+        away = jnp.where(shapes.obstacle_mask[:, None, None], away, 1e3)
+        distance, normal = away[0], outwards[0]
+        for o in range(1, away.shape[0]):
+            normal, distance = choose(away[o] < distance, outwards[o], normal), jnp.minimum(away[o], distance)
+        facing = jnp.stack([normal.x, normal.y], axis=-1)
+        return jax.lax.stop_gradient(Near(distance.T, jnp.swapaxes(facing, 0, 1), held))
+
+    def values(self, plan: Plan) -> tuple[Array, Array]:
+        """Cost [N] and next state [N, nx] of every stage."""
+        return self._each(stage_cost, plan)
+
+    def models(self, plan: Plan) -> StageModel:
+        """Gauss-Newton models of all stages, leaves [N, ...]."""
+        return self._each(forward_model, plan)
+
+    def _each(self, function: Callable[..., T], plan: Plan) -> T:
+        """A function of problem, state, input and stage at all stages; the nearest features are found once."""
+        xs = plan.xs[:-1]
+        near = self.nearest(xs, self.stages)
+        return jax.vmap(lambda x, u, data, near: function(_Located(self, near), x, u, data))(
+            xs, plan.us, self.stages, near
+        )
 
     def penalty(self, h: Array, data: PathStage) -> Penalty:
         """Relaxed barriers, per metre of path."""
@@ -168,7 +221,7 @@ class PathProblem:
         return relaxed_barrier(h, self.step * weight, switch, reach)
 
     def model(self, x: Array, u: Array, data: PathStage) -> StageModel:
-        """Gauss-Newton model."""
+        """Gauss-Newton model of one stage."""
         return forward_model(self, x, u, data)
 
     def terminal(self, x: Array) -> Array:
@@ -178,6 +231,27 @@ class PathProblem:
         beyond = jnp.maximum(distance - FREE, 0.0) / ((1.0 - FREE) * jnp.maximum(distance, FREE))
         inside = _INSIDE * off
         return jnp.sqrt(2.0 * MISS) * jnp.concatenate([off * beyond[jnp.array([0, 0, 1])], inside])
+
+
+@pytree
+class _Located:
+    """One stage of a problem, whose nearest obstacles are known."""
+
+    problem: PathProblem
+    near: Near
+
+    def stage(self, x: Array, u: Array, data: PathStage) -> Stage:
+        return self.problem.stage_near(x, u, data, self.near)
+
+    def penalty(self, h: Array, data: PathStage) -> Penalty:
+        return self.problem.penalty(h, data)
+
+
+@apart
+@apart
+def _from_obstacles(point: Vector, shape: Outline) -> tuple[Array, Vector]:
+    """Signed distances [...] of points from polygons, and their gradients."""
+    return feature_distance(point, nearest_feature(point, shape))[:2]
 
 
 def friction_of(shapes: Shapes, body: Body) -> Friction:

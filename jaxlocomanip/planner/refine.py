@@ -1,8 +1,9 @@
 """A path that the team can push: a rough one bent until there is a wrench for every step of it.
 
-Solved by a fixed number of SQP iterations on the quasi-static problem of `quasistatic`; local, so that which way around
-the obstacles is the rough path's choice. The end may differ from the goal by a part of its tolerances where that saves
-a detour.
+Solved by a few SQP iterations on the quasi-static problem of `quasistatic`; local, so that which way around the
+obstacles is the rough path's choice. A path in force begins with its own pushes and contact offsets: from poses alone
+the iterations get stuck at costs up to a third higher. The end may differ from the goal by a part of its tolerances
+where that saves a detour.
 """
 
 from __future__ import annotations
@@ -11,22 +12,26 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import Floats, projected_least_squares, pytree
+from jaxlocomanip.numerics import Floats, projected_least_squares, pytree, safe_norm
 from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planar.geometry import rotate
 from jaxlocomanip.planner.authority import offset_ends
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
-from jaxlocomanip.planner.path import UNPLANNED, resample
+from jaxlocomanip.planner.path import UNPLANNED, Path, resample
 from jaxlocomanip.planner.quasistatic import Friction, PathProblem, PathStage, friction_of, motion
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.scenario import Goal, Team
 from jaxlocomanip.solver import sqp
 from jaxlocomanip.solver.ocp import Plan
+from jaxlocomanip.solver.sqp import Iterate
 
 STEPS = 48
 """of a refined path"""
 _ITERATIONS = 10
+"""at most"""
+_SETTLED = 3e-3
+"""relative change of the cost below which further iterations are not worth their time"""
 _LATE = 5.0
 """times dearer, less one, are turns just before the goal"""
 _RUN_UP = 1.0
@@ -55,10 +60,61 @@ class Refined:
     """[] m, length and what comes on top of it"""
 
 
-def unrefined(rough: Array, shapes: Shapes) -> Refined:
+@pytree
+class Guess:
+    """A path to start from, in steps of about the same length."""
+
+    poses: Array
+    """[STEPS + 1, 3], from where the object is, with continuous headings"""
+    offset: Array
+    """[STEPS + 1, N_r] m, contact offsets, from where the robots are"""
+    push: Array
+    """[STEPS, N_r] m, in terms of the motion that they make"""
+    length: Array
+    """[] m"""
+
+
+def unrefined(guess: Guess) -> Refined:
     """Stands where no path is known: it costs more than any."""
-    pushes = jnp.zeros((STEPS, shapes.team.offset.shape[0]), rough.dtype)
-    return Refined(rough[: STEPS + 1], pushes, pushes, pushes[:, 0], jnp.full((), UNPLANNED, rough.dtype))
+    none = jnp.zeros_like(guess.push)
+    return Refined(guess.poses, none, none, none[:, 0], jnp.full((), UNPLANNED, none.dtype))
+
+
+def guess_along(
+    path: Path, progress: Array, pose: Array, offset: Array, shapes: Shapes, body: Body, config: PlannerConfig
+) -> Guess:
+    """The rest of a path in force with its own pushes and offsets: from these few iterations are enough.
+
+    Args:
+      path: in force.
+      progress: [] m, how far along it the object is.
+      pose: [3] of the object now.
+      offset: [N_r] m, contact offsets now.
+      shapes: geometry and team.
+      body: the object as estimated.
+      config: settings.
+    """
+    left, friction = path.length - progress, friction_of(shapes, body)
+    arc = progress + left * jnp.linspace(0.0, 1.0, STEPS + 1, dtype=pose.dtype)
+    force, _ = path.feed_forward(0.5 * (arc[:-1] + arc[1:]))
+    _, stand = path.feed_forward(arc)
+    stand = stand.at[0].set(offset)
+    units = jnp.stack([jnp.ones_like(left)] * 2 + [config.reference.turn_radius * jnp.ones_like(left)])
+
+    def scaled(force: Array, offset: Array) -> Array:
+        move = units * motion(force, offset, friction, shapes.team)[0]
+        return force * left / STEPS / jnp.maximum(safe_norm(move), 1e-3)
+
+    return Guess(path.at(arc).at[0].set(pose), stand, jax.vmap(scaled)(force, stand[:-1]), left)
+
+
+def guess_from(rough: Array, offset: Array, shapes: Shapes, body: Body, config: PlannerConfig) -> Guess:
+    """A searched path, poses [n, 3] alone, with pushes and contact offsets that nearly make it; arguments as above."""
+    turn_radius = config.reference.turn_radius
+    poses, arc = resample(rough, turn_radius, STEPS + 1)
+    step = jnp.maximum(arc[-1] / STEPS, 1e-3)
+    push, stand = first_pushes(poses, step, turn_radius, friction_of(shapes, body), shapes.team)
+    return Guess(poses, jnp.concatenate([offset[None], stand]), push, arc[-1])
 
 
 def first_pushes(guess: Array, step: Array, turn_radius: Floats, friction: Friction, team: Team) -> tuple[Array, Array]:
@@ -84,44 +140,56 @@ def first_pushes(guess: Array, step: Array, turn_radius: Floats, friction: Frict
 
 
 def refine(
-    rough: Array,
-    offset: Array,
-    goal: Goal,
-    shapes: Shapes,
-    obstacles: ObstacleEstimate,
-    body: Body,
-    config: PlannerConfig,
+    guess: Guess, goal: Goal, shapes: Shapes, obstacles: ObstacleEstimate, body: Body, config: PlannerConfig
 ) -> Refined:
-    """A path near a rough one that the team can push.
+    """A path near a guess that the team can push.
 
     Args:
-      rough: [n, 3] poses with continuous headings, from where the object is.
-      offset: [N_r] m, contact offsets now.
+      guess: where to begin.
       goal: where to.
       shapes: geometry and team.
       obstacles: as estimated, extrapolated at constant velocity.
       body: the object as estimated.
       config: settings.
     """
-    turn_radius = config.reference.turn_radius
-    guess, arc = resample(rough, turn_radius, STEPS + 1)
-    friction, step = friction_of(shapes, body), jnp.maximum(arc[-1] / STEPS, 1e-3)
-    turns = jnp.rint((guess[-1, 2] - goal.pose[2]) / (2.0 * jnp.pi))
-    end = goal.pose + jnp.array([0.0, 0.0, 2.0 * jnp.pi], guess.dtype) * turns
-    closeness = jnp.maximum(1.0 - (arc[-1] - arc[:-1]) / _RUN_UP, 0.0)
-    time = jnp.minimum(arc[:-1] / config.reference.speed, 3.0)
-    stages = PathStage(guess[:-1], turn_radius * jnp.sqrt(1.0 + _LATE * closeness), time)
+    problem = _problem(guess, goal, shapes, obstacles, body, config)
+    options = sqp.Options(iterations=1)
+    inputs = jnp.concatenate([guess.push, jnp.diff(guess.offset, axis=0)], axis=1)
+    first = sqp.start(Plan(jnp.concatenate([guess.poses, guess.offset], axis=1), inputs), options)
+
+    def goes_on(carry: tuple[Array, Iterate, Array]) -> Array:
+        count, now, before = carry
+        settled = jnp.abs(before - _cost(now)) < _SETTLED * _cost(now)
+        return (count < _ITERATIONS) & ((count < 2) | ~settled)
+
+    def iterate(carry: tuple[Array, Iterate, Array]) -> tuple[Array, Iterate, Array]:
+        count, now, _ = carry
+        return count + 1, sqp.solve(problem, now.plan.xs[0], now, options), _cost(now)
+
+    _, done, _ = jax.lax.while_loop(goes_on, iterate, (jnp.zeros((), jnp.int32), first, first.cost))
+    poses, offsets = jnp.split(done.plan.xs, [3], axis=1)
+    pushes = jnp.maximum(done.plan.us[:, : offsets.shape[1]], 0.0)
+    sliding = jax.vmap(lambda u, d: motion(u, d, problem.friction, shapes.team)[1])(pushes, offsets[:-1])
+    force = pushes / jnp.sqrt(jnp.sum(sliding**2, axis=1, keepdims=True) + 1e-6 * problem.step**2)
+    room = jnp.min(problem.rooms(done.plan.xs[:-1]), axis=1)
+    return Refined(poses, force, offsets[:-1], room + config.constraints.margin, _cost(done))
+
+
+def _cost(iterate: Iterate) -> Array:
+    """[] m."""
+    return iterate.cost + _DEFECT * iterate.defect
+
+
+def _problem(
+    guess: Guess, goal: Goal, shapes: Shapes, obstacles: ObstacleEstimate, body: Body, config: PlannerConfig
+) -> PathProblem:
+    turn_radius, poses = config.reference.turn_radius, guess.poses
+    turns = jnp.rint((poses[-1, 2] - goal.pose[2]) / (2.0 * jnp.pi))
+    end = goal.pose + jnp.array([0.0, 0.0, 2.0 * jnp.pi], poses.dtype) * turns
+    arc = guess.length * jnp.arange(STEPS, dtype=poses.dtype) / STEPS
+    closeness = jnp.maximum(1.0 - (guess.length - arc) / _RUN_UP, 0.0)
+    time = jnp.minimum(arc / config.reference.speed, 3.0)
+    stages = PathStage(poses[:-1], turn_radius * jnp.sqrt(1.0 + _LATE * closeness), time)
     tolerance = jnp.stack([goal.position_tolerance, goal.position_tolerance, goal.heading_tolerance])
-    problem = PathProblem(stages, end, tolerance, step, friction, shapes, obstacles, config)
-    push, stand = first_pushes(guess, step, turn_radius, friction, shapes.team)
-    stand = jnp.concatenate([offset[None], stand])
-    first = Plan(jnp.concatenate([guess, stand], axis=1), jnp.concatenate([push, jnp.diff(stand, axis=0)], axis=1))
-    options = sqp.Options(iterations=_ITERATIONS)
-    done = sqp.solve(problem, first.xs[0], sqp.start(first, options), options)
-    poses, offsets = done.plan.xs[:, :3], done.plan.xs[:, 3:]
-    pushes = jnp.maximum(done.plan.us[:, : offset.shape[0]], 0.0)
-    sliding = jax.vmap(lambda u, d: motion(u, d, friction, shapes.team)[1])(pushes, offsets[:-1])
-    force = pushes / jnp.sqrt(jnp.sum(sliding**2, axis=1, keepdims=True) + 1e-6 * step**2)
-    room = jax.vmap(lambda q, d, t: jnp.min(problem.room(q, d, t)))(poses[:-1], offsets[:-1], stages.time)
-    cost = done.cost + _DEFECT * done.defect
-    return Refined(poses, force, offsets[:-1], room + config.constraints.margin, cost)
+    step = jnp.maximum(guess.length / STEPS, 1e-3)
+    return PathProblem(stages, end, tolerance, step, friction_of(shapes, body), shapes, obstacles, config)

@@ -20,8 +20,8 @@ from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.path import UNPLANNED, Path
 from jaxlocomanip.planner.reference import Progress
-from jaxlocomanip.planner.refine import Refined, refine, unrefined
-from jaxlocomanip.planner.search import ROUGH, search_poses
+from jaxlocomanip.planner.refine import Guess, Refined, guess_along, guess_from, refine, unrefined
+from jaxlocomanip.planner.search import search_poses
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.scenario import Goal
 
@@ -59,22 +59,25 @@ def plan(
     given = jax.lax.stop_gradient((goal, shapes, obstacles, body, config))
     goal, shapes, obstacles, body, config = given
     skips = config.horizon.rest_skips
-    ahead = jnp.linspace(0.0, 1.0, ROUGH, dtype=pose.dtype) * (path.length - progress.projected)
-    rest = path.at(progress.projected + ahead).at[0].set(pose)
+    rest = guess_along(path, progress.projected, pose, offset, shapes, body, config)
 
-    def search(given: tuple[Any, ...]) -> Array:
-        return search_poses(*given)
+    def search(given: tuple[Any, ...]) -> Guess:
+        pose, offset, goal, shapes, obstacles, body, config = given
+        rough = search_poses(pose, goal, shapes, obstacles, body, config)
+        return guess_from(rough, offset, shapes, body, config)
 
     def consider(carry: tuple[Refined, Array], anew: Array) -> tuple[tuple[Refined, Array], None]:
         best, needed = carry
-        rough = jax.lax.cond(anew, lambda: where_needed(needed, search, (pose, *given), rest, skips), lambda: rest)
-        found = where_needed(needed, lambda arguments: refine(*arguments), (rough, offset, *given), best, skips)
+        guess = jax.lax.cond(
+            anew, lambda: where_needed(needed, search, (pose, offset, *given), rest, skips), lambda: rest
+        )
+        found = where_needed(needed, lambda arguments: refine(*arguments), (guess, *given), best, skips)
         best = select(needed & (found.cost < _SHARE * best.cost - _LESS), found, best)
         return (best, _wants_rival(best, path, progress, goal, shapes, config)), None
 
     # A path on which nothing moves is none, whatever it seems to cost: then the search decides alone.
     stuck = reference.stalls(progress, config.reference) >= reference.PATIENCE
-    first = (unrefined(rest, shapes), (path.cost < UNPLANNED) & ~stuck)
+    first = (unrefined(rest), (path.cost < UNPLANNED) & ~stuck)
     # One after the other in a loop, so that the refinement is compiled once.
     (best, _), _ = jax.lax.scan(consider, first, jnp.array([False, True]))
     return best

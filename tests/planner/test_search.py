@@ -14,7 +14,7 @@ from jaxlocomanip.planner.authority import pushability
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.pose_grid import CELLS, FREE
-from jaxlocomanip.planner.refine import refine
+from jaxlocomanip.planner.refine import guess_from, refine
 from jaxlocomanip.planner.room import bodies_of, rooms_at
 from jaxlocomanip.planner.shapes import ROBOT_DISCS, shapes_of
 
@@ -25,7 +25,8 @@ AWAY = (20.0, 20.0)
 @jax.jit
 def search_path(start, goal, shapes, obstacles, body, config):
     rough = search.search_poses(start, goal, shapes, obstacles, body, config)
-    found = refine(rough, shapes.team.offset, goal, shapes, obstacles, body, config)
+    guess = guess_from(rough, shapes.team.offset, shapes, body, config)
+    found = refine(guess, goal, shapes, obstacles, body, config)
     paced = path.pace(found.poses, shapes, body, config.reference.turn_radius, found.cost)
     return path.with_pushes(paced, found.force, found.offset, found.room, shapes.team)
 
