@@ -113,7 +113,7 @@ class Reference:
     """m, length of the exponential approach to the goal"""
     arrive: Number = 0.6
     """fraction of the goal tolerances within which a moving object is let come to rest"""
-    leave: Number = 0.85
+    leave: Number = 0.95
     """fraction of the goal tolerances beyond which an object at rest is pushed on"""
     second_start: Number = 1.0
     """1: each tick, try a plan that pushes at once beside the warm start; 0: warm start only"""

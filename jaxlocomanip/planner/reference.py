@@ -10,7 +10,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import Floats, pytree, wrap_angle
+from jaxlocomanip.numerics import Floats, pytree, safe_norm, wrap_angle
 from jaxlocomanip.planner.config import Reference
 from jaxlocomanip.planner.path import Path
 
@@ -93,12 +93,20 @@ def advance(
     ahead = jnp.minimum(progress.reference + pace * tick, projected + settings.lead)
     reference = jnp.minimum(jnp.maximum(ahead, projected), path.length)
     reference = jnp.where(progress.held, projected, reference)
-    off = pose - goal
-    misfit = jnp.maximum(jnp.sqrt(jnp.sum(off[:2] ** 2)) / tolerance[0], jnp.abs(wrap_angle(off[2])) / tolerance[1])
-    # Where the object has come to stand within the tolerances it had better stay: the next approach may end worse.
+    off = misfit(pose, goal, tolerance)
+    # Where the object has come to stand within the tolerances, gets worse, or would leave them for another approach, it
+    # had better stay: that may end worse.
     stands = (jnp.max(jnp.abs(twist[:2])) < STILL[0]) & (jnp.abs(twist[2]) < STILL[1])
-    limit = jnp.where(progress.resting | stands, settings.leave, settings.arrive)
-    return Progress(projected, reference, misfit < limit, progress.held, progress.stalled)
+    leaves = path.length - projected > LOOP
+    worsens = misfit(pose + SOON * twist, goal, tolerance) > off + WORSE
+    limit = jnp.where(progress.resting | stands | leaves | worsens, settings.leave, settings.arrive)
+    return Progress(projected, reference, off < limit, progress.held, progress.stalled)
+
+
+def misfit(pose: Array, goal: Array, tolerance: Array) -> Array:
+    """[] by how many tolerances [2] m and rad a pose [3] is off the goal [3], at most."""
+    off = pose - goal
+    return jnp.maximum(safe_norm(off[:2]) / tolerance[0], jnp.abs(wrap_angle(off[2])) / tolerance[1])
 
 
 def speed_at(arc: Array, path: Path, settings: Reference) -> Array:
@@ -139,5 +147,9 @@ FADE = 0.3
 """share of the usual speed below which the steady pushes fade"""
 STILL = 0.02, 0.05
 """m/s and rad/s, below which an object stands"""
+LOOP = 0.6
+"""m left of a path from within the tolerances that is a detour"""
+SOON, WORSE = 0.3, 0.03
+"""s, and tolerances by which an object that moves on for so long gets worse"""
 STOPPED = 0.03
 """m from the end of the path, within which an object that sticks is not pushed on"""
