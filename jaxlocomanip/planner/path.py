@@ -66,7 +66,9 @@ class Path:
     def _read(self, s: Array, values: Array) -> Array:
         # The arc is evenly spaced, so that no search is needed.
         where = jnp.clip(s / jnp.maximum(self.length, 1e-6), 0.0, 1.0) * (POINTS - 1)
-        low = jnp.minimum(where.astype(jnp.int32), POINTS - 2)
+        # Where a place is a point but for its rounding, the compiler may round it one way for the index and another way
+        # for the part, and read a whole point off; places just before a point are not as common.
+        low = jnp.minimum((where + 1e-3).astype(jnp.int32), POINTS - 2)
         part = (where - low)[..., None]
         return (1.0 - part) * values[low] + part * values[low + 1]
 

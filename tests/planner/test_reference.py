@@ -33,9 +33,11 @@ def path(make_scenario):
     return straight(scenario, scenario.start, scenario.goal.pose)
 
 
-def run(path, poses, twist=MOVING):
-    """Progress [T] while the object is at `poses` [T, 3]."""
+def run(path, poses, twist=MOVING, left=None):
+    """Progress [T] while the object is at `poses` [T, 3], and was `left` m before the end of the path."""
     progress, rows = reference.start(), []
+    if left is not None:
+        progress = dataclasses.replace(progress, projected=path.length - left)
     for pose in poses:
         progress = advance(progress, path, jnp.asarray(pose), twist, jnp.asarray(GOAL), TOLERANCE, TICK, SETTINGS)
         rows.append([float(progress.projected), float(progress.reference), bool(progress.resting)])
@@ -80,7 +82,7 @@ def test_rests_with_hysteresis(x64, path):
     inner, outer = SETTINGS.arrive * 0.15, SETTINGS.leave * 0.15
     between = 0.5 * (inner + outer)
     distances = [1.1 * outer, between, 0.9 * inner, between, 1.1 * outer, between]
-    rows = run(path, [at(d) for d in distances])
+    rows = run(path, [at(d) for d in distances], left=0.2)
     assert rows[:, 2].tolist() == [False, False, True, True, False, False]
 
 
@@ -88,9 +90,17 @@ def test_an_object_that_stands_within_the_tolerances_has_arrived(x64, path):
     """While it moves it may still come nearer; standing, the next approach may end worse."""
     near = np.array(GOAL) - [0.5 * (SETTINGS.arrive + SETTINGS.leave) * 0.15, 0.0, 0.0]
     beyond = np.array(GOAL) - [1.1 * SETTINGS.leave * 0.15, 0.0, 0.0]
-    assert not run(path, [near])[-1, 2]
-    assert run(path, [near], STANDING)[-1, 2]
-    assert not run(path, [beyond], STANDING)[-1, 2]
+    assert not run(path, [near], left=0.2)[-1, 2]
+    assert run(path, [near], STANDING, left=0.2)[-1, 2]
+    assert not run(path, [beyond], STANDING, left=0.2)[-1, 2]
+
+
+def test_an_object_that_gets_worse_or_would_go_around_has_arrived(x64, path):
+    near = np.array(GOAL) - [0.5 * (SETTINGS.arrive + SETTINGS.leave) * 0.15, 0.0, 0.0]
+    beyond = np.array(GOAL) - [1.1 * SETTINGS.leave * 0.15, 0.0, 0.0]
+    assert run(path, [near], -MOVING, left=0.2)[-1, 2]
+    assert run(path, [near], left=2.0)[-1, 2]
+    assert not run(path, [beyond], -MOVING, left=2.0)[-1, 2]
 
 
 def test_a_team_is_stuck_after_searches_in_a_row_without_progress(x64, path):
