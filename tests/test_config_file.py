@@ -102,7 +102,7 @@ def test_what_is_left_out_comes_from_the_preset():
         ({"constraints": {"clf": {"weight": -1}}}, "constraints.clf.weight = -1: must be >= 0"),
         ({"constraints": {"clf": 0.5}}, "constraints.clf = 0.5: must be a table"),
         ({"reference": {"speed": 0}}, "reference.speed = 0: must be >= 0.001"),
-        ({"reference": {"arrive": 0.9}}, "reference.arrive = 0.9: must be <= reference.leave = 0.8"),
+        ({"reference": {"arrive": 0.97}}, "reference.arrive = 0.97: must be <= reference.leave = 0.95"),
         ({"protection": {"robots": 2}}, "protection.robots = 2: must be >= 0 and <= 1"),
     ],
 )
