@@ -54,17 +54,20 @@ def has_to_wait(path: Path, progress: Progress, situation: Situation, shapes: Sh
     given = jax.lax.stop_gradient((path, progress, situation, shapes, config))
     room = moments(*given)
     price = _OVERLAP * jnp.maximum(-room, 0.0) + jnp.maximum(BERTH - room, 0.0)
-    price = price + jnp.where(room < -given[4].safety.margin, _HIT, 0.0)
+    price = price + jnp.where(room < -config.safety.margin, _HIT, 0.0)
+    wait, on = _first_moves(price)
+    return jnp.where(progress.held, wait < on + _CHANGE, wait + _CHANGE < on)
+
+
+def _first_moves(price: Array) -> tuple[Array, Array]:
+    """Costs [] of the best schedules that begin with waiting and with going on, given those of the moments [n]."""
     places = np.full((STEPS + 1, STEPS + 1), price.shape[0])
     places[_REACHED[0], _REACHED[1]] = np.arange(price.shape[0])
     at = jnp.append(price, 0.0)[places]
     value = at[:, STEPS]
     for k in range(STEPS - 1, 0, -1):
-        on = jnp.append(value[1:], jnp.inf)
-        value = at[:, k] + jnp.minimum(on, 1.0 + value)
-    holding = given[1].held
-    wait, on = 1.0 + value[0] + jnp.where(holding, 0.0, _CHANGE), value[1] + jnp.where(holding, _CHANGE, 0.0)
-    return wait < on
+        value = at[:, k] + jnp.minimum(jnp.append(value[1:], jnp.inf), 1.0 + value)
+    return 1.0 + value[0], value[1]
 
 
 def moments(path: Path, progress: Progress, situation: Situation, shapes: Shapes, config: PlannerConfig) -> Array:
