@@ -74,7 +74,7 @@ class Constraints:
     """|d| <= limit, m"""
     offset_rate: Barrier = Barrier(0.1, 0.02, 0.1)
     """|ddot| <= limit, m/s"""
-    team: Barrier = Barrier(0.5, 0.02, 0.06)
+    team: Barrier = Barrier(1.0, 0.05, 0.2)
     """room between robots of neighbouring contacts, m"""
     object_cbf: Barrier = Barrier(0.4, 0.05, 0.2)
     robot_cbf: Barrier = Barrier(0.4, 0.05, 0.2)
