@@ -108,11 +108,15 @@ def braking_rooms(
     obstacles = situation.obstacles
     places = obstacles.position[..., None] + times * obstacles.velocity[..., None]
     rooms = rooms_at(poses, offsets, places, bodies_of(shapes, config))
-    standing, moving, team = (room.reshape(motion[2].shape) - config.safety.margin for room in rooms)
+    rooms = jax.tree.map(lambda room: room.reshape(motion[2].shape) - config.safety.margin, rooms)
     # Until it is at rest the team answers for what it runs into: what moves may turn round in the meantime.
     swerve = 0.5 * config.safety.swerve * motion[2][:-WAITS] ** 2
-    least = lambda room: jnp.min(room, axis=0)  # noqa: E731
-    return BrakeRooms(least(standing), least(team), least(moving[:-WAITS] - swerve), least(moving[-WAITS:]))
+    return BrakeRooms(
+        standing=jnp.min(rooms.standing, axis=0),
+        team=jnp.min(rooms.team, axis=0),
+        moving=jnp.min(rooms.moving[:-WAITS] - swerve, axis=0),
+        later=jnp.min(rooms.moving[-WAITS:], axis=0),
+    )
 
 
 def braking_motion(

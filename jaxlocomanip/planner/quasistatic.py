@@ -248,7 +248,6 @@ class _Located:
 
 
 @apart
-@apart
 def _from_obstacles(point: Vector, shape: Outline) -> tuple[Array, Vector]:
     """Signed distances [...] of points from polygons, and their gradients."""
     return feature_distance(point, nearest_feature(point, shape))[:2]

@@ -7,6 +7,8 @@ ever against stiction.
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax.numpy as jnp
 from jax import Array
 
@@ -59,7 +61,8 @@ def stalls(progress: Progress, settings: Reference) -> Array:
 def restart(progress: Progress, path: Path, settings: Reference) -> Progress:
     """Progress on a new path that begins at the object; the lead is kept."""
     lead = jnp.clip(progress.reference - progress.projected, 0.0, path.length)
-    return Progress(jnp.zeros_like(lead), lead, progress.resting, progress.held, stalls(progress, settings) % PATIENCE)
+    stalled = stalls(progress, settings) % PATIENCE
+    return dataclasses.replace(progress, projected=jnp.zeros_like(lead), reference=lead, stalled=stalled)
 
 
 def advance(
@@ -100,7 +103,7 @@ def advance(
     leaves = path.length - projected > LOOP
     worsens = misfit(pose + SOON * twist, goal, tolerance) > off + WORSE
     limit = jnp.where(progress.resting | stands | leaves | worsens, settings.leave, settings.arrive)
-    return Progress(projected, reference, off < limit, progress.held, progress.stalled)
+    return dataclasses.replace(progress, projected=projected, reference=reference, resting=off < limit)
 
 
 def misfit(pose: Array, goal: Array, tolerance: Array) -> Array:

@@ -99,7 +99,7 @@ def guess_along(
     force, _ = path.feed_forward(0.5 * (arc[:-1] + arc[1:]))
     _, stand = path.feed_forward(arc)
     stand = stand.at[0].set(offset)
-    units = jnp.stack([jnp.ones_like(left)] * 2 + [config.reference.turn_radius * jnp.ones_like(left)])
+    units = _units(config.reference.turn_radius, left)
 
     def scaled(force: Array, offset: Array) -> Array:
         move = units * motion(force, offset, friction, shapes.team)[0]
@@ -126,7 +126,7 @@ def first_pushes(guess: Array, step: Array, turn_radius: Floats, friction: Frict
     each = jax.vmap(lambda push, offset: motion(push, offset, friction, team)[0], in_axes=(0, None))
     ones = jnp.eye(ends.shape[1], dtype=guess.dtype)
     twists = jnp.concatenate([each(ones, ends[0]), each(ones, ends[1])]).T
-    weight = jnp.stack([jnp.ones_like(step), jnp.ones_like(step), jnp.asarray(turn_radius, step.dtype)])
+    weight = _units(turn_radius, step)
 
     def split(a: Array, b: Array) -> tuple[Array, Array]:
         move = jnp.concatenate([rotate(-0.5 * (a[2] + b[2]), (b - a)[:2]), (b - a)[2:]])
@@ -137,6 +137,11 @@ def first_pushes(guess: Array, step: Array, turn_radius: Floats, friction: Frict
         return step * total, offset
 
     return jax.vmap(split)(guess[:-1], guess[1:])
+
+
+def _units(turn_radius: Floats, like: Array) -> Array:
+    """[3] m per unit of a pose's change, of the dtype of `like`."""
+    return jnp.stack([jnp.ones_like(like), jnp.ones_like(like), jnp.asarray(turn_radius, like.dtype)])
 
 
 def refine(

@@ -7,7 +7,6 @@ component is one long loop.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
 from functools import reduce
 
 import jax
@@ -73,9 +72,6 @@ class Rooms:
     """object and robots to obstacles that move"""
     team: Array
     """robots to each other"""
-
-    def __iter__(self) -> Iterator[Array]:
-        return iter((self.standing, self.moving, self.team))
 
 
 def rooms_at(poses: Array, offsets: Array, places: Array, bodies: Bodies) -> Rooms:

@@ -4,7 +4,8 @@ With ground friction the object stops within centimetres once nobody pushes, so 
 of it, letting go brings everything to rest clear of every obstacle, true shape against true shape. Friction is
 taken pessimistically, because overestimating it would be the one way to be wrong. A fixed set of candidates around
 the planner's input is checked; the nearest safe one is sent, or, where none is safe, the one that keeps the most
-room. Against obstacles that move, the room is also kept for a while after the stop.
+room. Before an obstacle that moves the team is at rest in time (passive safety); one that waits for it to pass also
+keeps clear of it for a while after the stop.
 
 The choice is piecewise constant and is held fixed when gradients are taken.
 """

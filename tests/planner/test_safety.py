@@ -128,6 +128,15 @@ def test_what_cannot_be_avoided_finds_the_team_at_rest(scene, gap):
         assert (sent.force == 0.0).all() and (sent.offset_rate == 0.0).all()
 
 
+def before_a_wall(seed, count, gap, speed):
+    """Random poses [n, 3], twists [n, 3] and forces [n, 2] of an object at most `gap` m before a wall at x = 2."""
+    rng = np.random.default_rng(seed)
+    x = 2.0 - DISC - rng.uniform(0.0, gap, count)
+    poses = np.stack([x, np.zeros(count), rng.uniform(-0.6, 0.6, count)], axis=1)
+    twists = rng.uniform(-speed, speed, (count, 3)) * [1.0, 0.5, 1.5]
+    return poses, twists, rng.uniform(0.0, 45.0, (count, 2))
+
+
 @jax.jit
 def let_go(scenario, state, sent):
     """Least clearance over one tick of the filtered input and then two seconds of nothing, and whether it rests."""
@@ -155,13 +164,8 @@ def promises(scenario, poses, twists, forces):
 
 def test_the_braking_promise_holds_in_the_planar_world(scene):
     """Whatever the filter calls safe ends at rest without contact, on a floor of friction 0.15."""
-    rng = np.random.default_rng(0)
-    count = 3000
-    gap = rng.uniform(0.0, 0.5, count)
-    poses = np.stack([2.0 - DISC - gap, np.zeros(count), rng.uniform(-0.6, 0.6, count)], axis=1)
-    twists = rng.uniform(-1.0, 1.0, (count, 3)) * [1.0, 0.5, 1.5]
+    poses, twists, forces = before_a_wall(seed=0, count=3000, gap=0.5, speed=1.0)
     twists[:, 0] = np.abs(twists[:, 0])
-    forces = rng.uniform(0.0, 45.0, (count, 2))
     sent, before, least, rests = promises(scene(face=2.0), *(jnp.asarray(v) for v in (poses, twists, forces)))
     promised = np.asarray((sent.room >= 0.0) & (before > 0.0))
     touched = promised & (np.asarray(least) <= 0.0)
@@ -194,12 +198,7 @@ def stops_before(scenario, poses, twists, forces, times):
 
 def test_what_passes_stops_before_a_wall_that_comes_nearer(scene):
     """No contact while the object moves; what happens to a team at rest is not its doing."""
-    rng = np.random.default_rng(1)
-    count = 1000
-    gap = rng.uniform(0.0, 0.8, count)
-    poses = np.stack([2.0 - DISC - gap, np.zeros(count), rng.uniform(-0.6, 0.6, count)], axis=1)
-    twists = rng.uniform(-0.8, 0.8, (count, 3)) * [1.0, 0.5, 1.5]
-    forces = rng.uniform(0.0, 45.0, (count, 2))
+    poses, twists, forces = before_a_wall(seed=1, count=1000, gap=0.8, speed=0.8)
     scenario = scene(face=2.0, velocity=(-0.5, 0.0))
     times = jnp.arange(100) * TICK
     sent, least = stops_before(scenario, *(jnp.asarray(v) for v in (poses, twists, forces)), times)

@@ -66,7 +66,8 @@ def clearance(poses, shapes, place, radius=0.3, offsets=None):
 @jax.jit
 def all_rooms(poses, offsets, places, shapes):
     """[3, n] room to obstacles that stand, to those that move, and within the team along a path."""
-    return jnp.stack([*rooms_at(poses.T, offsets.T, places[..., None], bodies_of(shapes, CONFIG))])
+    rooms = rooms_at(poses.T, offsets.T, places[..., None], bodies_of(shapes, CONFIG))
+    return jnp.stack([rooms.standing, rooms.moving, rooms.team])
 
 
 def body_directions(path):
