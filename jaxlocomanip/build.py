@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -21,7 +22,7 @@ from jaxlocomanip.numerics import host_array
 from jaxlocomanip.obstacles import corners_at, moves, obstacle_arrays
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
 from jaxlocomanip.robots.model import ROBOT_TYPES, RobotModel, load_robot
-from jaxlocomanip.scenario import Goal, ObjectModel, Scenario, Sensing, Team
+from jaxlocomanip.scenario import Formations, Goal, ObjectModel, Scenario, Sensing, Team
 from jaxlocomanip.specification import BOX_FACES, ObjectSpec, Point, RobotSpec, ScenarioSpec
 
 Floats = NDArray[np.floating[Any]]
@@ -64,6 +65,7 @@ def build_on_host(spec: ScenarioSpec, index: int = 0) -> Scenario:
             host_array(spec.goal.heading_tolerance),
         ),
         team=_team(spec.robots, polygon),
+        formations=_formations(spec, polygon),
         obstacles=obstacle_arrays(spec.obstacles),
         sensing=Sensing(
             host_array(spec.sensing.position_std),
@@ -181,6 +183,25 @@ def _team(robots: tuple[RobotSpec, ...], polygon: Floats) -> Team:
         pair_rows=host_array(rows),
         pair_bounds=host_array(bounds),
     )
+
+
+def _formations(spec: ScenarioSpec, polygon: Floats) -> Formations:
+    """The team moved on around the object face by face, if it may."""
+    count = len(polygon)
+    turned = [
+        tuple(replace(robot, face=(face_index(robot.face) + shift) % count) for robot in spec.robots)
+        for shift in range(1, count if spec.change_faces else 1)
+    ]
+    teams, fits = [_team(spec.robots, polygon)], []
+    for robots in turned:
+        try:
+            teams.append(_team(robots, polygon))
+            fits.append(True)
+        except InputError:
+            # A shorter face than at the start: the robots would not fit at their offsets there.
+            teams.append(teams[0])
+            fits.append(False)
+    return Formations(jax.tree.map(lambda *leaves: np.stack(leaves)[1:], *teams), _of(fits, bool))
 
 
 def _pairs(

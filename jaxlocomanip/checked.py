@@ -75,6 +75,13 @@ def _shown(value: int | float) -> str:
     return repr(value)
 
 
+def flag(field: str, value: Any) -> bool:
+    """`value` if it is true or false."""
+    if not isinstance(value, bool):
+        raise InputError(f"{field} = {value!r}: must be true or false")
+    return value
+
+
 def name(field: str, value: Any) -> str:
     """`value` as a name that can be a file's: one printable line of 1 to 80 characters without slashes."""
     fine = isinstance(value, str) and 0 < len(value) <= 80 and value.isprintable()

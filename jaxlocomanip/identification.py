@@ -172,7 +172,9 @@ def identify(
         """Residuals [3 (T + 1) + UNKNOWNS] in standard deviations, twice: to differentiate, and as they are."""
         body, pose, twist = _unpack(unknowns, recording)
         made = dataclasses.replace(scenario, truth=body)
-        start = PlanarState(pose, twist, recording.offset, recording.acting)
+        start = dataclasses.replace(
+            behind.start(scenario), pose=pose, twist=twist, offset=recording.offset, force=recording.acting
+        )
         smooth = dataclasses.replace(behind, smoothing=settings[1])
         poses = replay(recording, made, start, smooth, tick, settings[0])
         scale = jnp.stack([jnp.asarray(v, poses.dtype) for v in (known.position, known.position, known.heading)])

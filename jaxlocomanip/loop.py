@@ -89,7 +89,7 @@ class Decision:
 
 def task_of(scenario: Scenario) -> Task:
     """What the planner is told of a scenario."""
-    return Task(shapes_of(scenario), scenario.object, scenario.goal)
+    return Task(shapes_of(scenario), scenario.formations, scenario.object, scenario.goal)
 
 
 def begin(scenario: Scenario, config: PlannerConfig, key: Array, view: View) -> Loop:
@@ -118,6 +118,7 @@ def measure(view: View, scenario: Scenario, key: Array, tick: Array, config: Pla
         offset=view.offset,
         obstacles=positions + sensing.obstacle_std * jax.random.normal(obstacle_key, positions.shape, positions.dtype),
         contact=view.contact,
+        formation=view.formation,
     )
 
 
@@ -129,7 +130,7 @@ def decide(loop: Loop, view: View, scenario: Scenario, config: PlannerConfig, ke
     commands = jax.tree.map(lambda new, old: jnp.concatenate([new[None], old[:-1]]), command, loop.commands)
     delay = jnp.rint(scenario.sensing.command_delay / config.horizon.tick)
     acting = jax.tree.map(lambda leaf: leaf[jnp.clip(delay, 0, MAX_DELAY_TICKS).astype(jnp.int32)], commands)
-    push = Push(acting.force, acting.offset_rate, acting.twist, acting.resting)
+    push = Push(acting.force, acting.offset_rate, acting.twist, acting.resting, acting.formation)
     if not record:
         return Decision(planner, commands, push, None)
     solver = planner.solver

@@ -94,6 +94,19 @@ class Team:
 
 
 @pytree
+class Formations:
+    """F other formations: the team moved on around the object by 1, 2, ... faces, counter-clockwise.
+
+    None (F = 0) where the robots keep their faces.
+    """
+
+    team: Team
+    """[F, ...]"""
+    usable: Array
+    """[F] bool: robots fit beside each other there"""
+
+
+@pytree
 class Obstacles:
     """N_o padded obstacles: rounded convex polygons on prescribed paths."""
 
@@ -165,6 +178,9 @@ class Scenario:
     """[3] object pose at t = 0"""
     goal: Goal
     team: Team
+    """as it begins"""
+    formations: Formations
+    """which others it may take"""
     obstacles: Obstacles
     sensing: Sensing
     duration: Array
@@ -206,6 +222,8 @@ class Padding:
     """vertices of the object"""
     discs: int = 1
     """discs that cover the object"""
+    formations: int = 0
+    """formations that a team may change to"""
 
     @staticmethod
     def of(scenarios: Sequence[Scenario]) -> Padding:
@@ -216,6 +234,7 @@ class Padding:
             marks=max(s.obstacles.times.shape[1] for s in scenarios),
             vertices=max(s.object.vertices.shape[0] for s in scenarios),
             discs=max(s.object.disc_radii.shape[0] for s in scenarios),
+            formations=max(s.formations.usable.shape[0] for s in scenarios),
         )
 
 
@@ -267,6 +286,7 @@ def _padded(scenario: Scenario, padding: Padding) -> Scenario:
             disc_centers=_repeat_last(body.disc_centers, padding.discs, axis=0),
             disc_radii=_repeat_last(body.disc_radii, padding.discs, axis=0),
         ),
+        formations=_padded_formations(scenario, padding.formations),
         obstacles=dataclasses.replace(
             obstacles,
             vertices=_repeat_last(obstacles.vertices, padding.corners, axis=1),
@@ -274,6 +294,17 @@ def _padded(scenario: Scenario, padding: Padding) -> Scenario:
             waypoints=_repeat_last(obstacles.waypoints, padding.marks, axis=1),
         ),
     )
+
+
+def _padded_formations(scenario: Scenario, count: int) -> Formations:
+    """Formations followed by unusable ones, `count` in all."""
+    present = scenario.formations
+    missing = count - present.usable.shape[0]
+
+    def grow(leaf: Any, own: Any) -> Any:
+        return np.concatenate([np.asarray(leaf), np.broadcast_to(np.asarray(own), (missing, *np.shape(own)))])
+
+    return Formations(jax.tree.map(grow, present.team, scenario.team), grow(present.usable, False))
 
 
 def _repeat_last(leaf: Any, count: int, axis: int) -> Any:

@@ -12,6 +12,8 @@ from jaxlocomanip.specification import MotionSpec, ObjectSpec, ObstacleSpec, Sce
 def scenario_to_toml(spec: ScenarioSpec) -> str:
     """A scenario as TOML text, which `parse_scenario` and `load_scenario` read back to an equal one."""
     lines = [f"name = {_text(spec.name)}", f"duration = {_text(spec.duration)}"]
+    if spec.change_faces:
+        lines.append("change_faces = true")
     _table(lines, "[object]", _object(spec.object))
     _table(lines, "[truth]", _given(spec.truth))
     _table(lines, "[start]", {"pose": spec.start})

@@ -113,6 +113,8 @@ class ScenarioSpec:
     obstacles: tuple[ObstacleSpec, ...] = ()
     truth: TruthSpec = TruthSpec()
     sensing: SensingSpec = SensingSpec()
+    change_faces: bool = False
+    """the team may walk around the object to push at other faces"""
 
 
 def load_scenario(path: str | Path) -> ScenarioSpec:
@@ -147,7 +149,7 @@ def parse_scenario(data: Mapping[str, Any], source: str = "scenario") -> Scenari
 
 
 def _scenario(data: Mapping[str, Any]) -> ScenarioSpec:
-    keys = ("name", "duration", "object", "truth", "start", "goal", "robots", "obstacles", "sensing")
+    keys = ("name", "duration", "object", "truth", "start", "goal", "robots", "obstacles", "sensing", "change_faces")
     checked.known_keys("scenario", data, keys, ("name", "object", "start", "goal", "robots"))
     start = checked.known_keys("start", data["start"], ("pose",), ("pose",))
     body = _object(data["object"])
@@ -161,6 +163,7 @@ def _scenario(data: Mapping[str, Any]) -> ScenarioSpec:
         robots=tuple(_robot(i, r, body) for i, r in enumerate(_tables("robots", data["robots"], 1))),
         obstacles=tuple(_obstacle(i, o) for i, o in enumerate(_tables("obstacles", data.get("obstacles", []), 0))),
         sensing=_sensing(data.get("sensing", {})),
+        change_faces=checked.flag("change_faces", data.get("change_faces", False)),
     )
 
 

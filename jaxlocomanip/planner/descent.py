@@ -43,8 +43,10 @@ def descend(
     shapes: Shapes,
     body: Body,
     turn_radius: Floats,
-) -> Array:
+) -> tuple[Array, Array, Array]:
     """[STEPS + 2, 3] goal-frame poses from the start to an end, where they stay; the heading is continuous.
+
+    Also the last node [3], and the cost [] of the whole path.
 
     Args:
       start: [3] goal-frame pose.
@@ -73,17 +75,17 @@ def descend(
         new = jnp.where(arrived, node, targets[jnp.argmin(cost)])
         return new, new
 
-    first = _first_node(start, grid, value, density, shapes, body, turn_radius)
-    _, rest = jax.lax.scan(step, first, None, length=STEPS)
+    first, cost = _first_node(start, grid, value, density, shapes, body, turn_radius)
+    last, rest = jax.lax.scan(step, first, None, length=STEPS)
     nodes = jnp.concatenate([first[None], rest]).astype(start.dtype)
     poses = jnp.concatenate([grid.origin + grid.spacing * nodes[:, 1:], TURN * nodes[:, :1]], axis=1)
-    return jnp.concatenate([start[None], poses])
+    return jnp.concatenate([start[None], poses]), _inside(last), cost
 
 
 def _first_node(
     start: Array, grid: Grid, value: Array, density: Array, shapes: Shapes, body: Body, turn_radius: Floats
-) -> Array:
-    """[3] heading bin and cell of the node at which a path from the pose `start` [3] had best begin."""
+) -> tuple[Array, Array]:
+    """Heading bin and cell [3] of the node at which a path from the pose `start` [3] had best begin, and its cost."""
     bin_ = jnp.rint(start[2] / TURN).astype(jnp.int32)
     cell = jnp.rint((start[:2] - grid.origin) / grid.spacing).astype(jnp.int32)
     here = jnp.concatenate([bin_[None], cell])
@@ -95,7 +97,9 @@ def _first_node(
     length = jnp.sqrt(jnp.sum(change[:, :2] ** 2, axis=1) + (turn_radius * change[:, 2]) ** 2)
     at = _inside(here)
     price = length * unpushable(misfit(shapes, body, twists_B)) * density[at[0], at[1], at[2]]
-    return nodes[jnp.argmin(price + _at(value, nodes))]
+    total = price + _at(value, nodes)
+    best = jnp.argmin(total)
+    return nodes[best], total[best]
 
 
 def _inside(node: Array) -> Array:

@@ -13,10 +13,11 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
+from jaxlocomanip.formation import count, team_in
 from jaxlocomanip.lanes import GROUP, where_needed
-from jaxlocomanip.numerics import T, pytree, select, wrap_angle
+from jaxlocomanip.numerics import T, pytree, safe_norm, select, wrap_angle
 from jaxlocomanip.planar import dynamics
-from jaxlocomanip.planner import adaptation, breakaway, estimation, path, reference, route, safety, schedule
+from jaxlocomanip.planner import adaptation, breakaway, estimation, path, reference, regrasp, route, safety, schedule
 from jaxlocomanip.planner.adaptation import ParameterEstimate
 from jaxlocomanip.planner.breakaway import Breakaway
 from jaxlocomanip.planner.config import PlannerConfig
@@ -26,7 +27,7 @@ from jaxlocomanip.planner.path import Path
 from jaxlocomanip.planner.reference import Progress
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.situation import Situation
-from jaxlocomanip.scenario import Goal, ObjectModel
+from jaxlocomanip.scenario import Formations, Goal, ObjectModel
 from jaxlocomanip.solver import sqp
 from jaxlocomanip.solver.ocp import Plan
 from jaxlocomanip.solver.sqp import Iterate
@@ -37,6 +38,8 @@ class Task:
     """What the planner is told once: geometry, belief and goal."""
 
     shapes: Shapes
+    """with the team in its first formation"""
+    formations: Formations
     model: ObjectModel
     goal: Goal
 
@@ -53,6 +56,8 @@ class Measurement:
     """[N_o, 2] m"""
     contact: Array
     """[N_r] bool: robots that are at their face; of the others no push is believed to act"""
+    formation: Array
+    """[] int, that the team has, or is walking to; the offsets are those in it"""
 
 
 @pytree
@@ -69,6 +74,8 @@ class Command:
     """[3] m/s, rad/s: the object's planned velocity"""
     resting: Array
     """[] bool: the object has arrived"""
+    formation: Array
+    """[] int, that the team shall take"""
 
 
 @pytree
@@ -90,6 +97,10 @@ class PlannerState:
     proven: Array
     """[] N, friction that the floor has shown"""
     breakaway: Breakaway
+    formation: Array
+    """[] int, of the team at the last tick"""
+    berth: Array
+    """[] m, room that walks around the object keep beyond the usual: grows where there was too little"""
     command: Command
 
 
@@ -105,7 +116,7 @@ def start(task: Task, measured: Measurement, config: PlannerConfig) -> PlannerSt
         object=estimation.start_object(measured.pose),
         obstacles=estimation.start_obstacles(measured.obstacles, config.estimation),
         parameters=parameters,
-        path=path.unsearched(measured.pose, n),
+        path=path.unsearched(measured.pose, n, path.at_goal(task.goal, measured.formation)),
         origin=measured.pose,
         progress=reference.start(),
         solver=sqp.start(guess, options(config)),
@@ -113,7 +124,9 @@ def start(task: Task, measured: Measurement, config: PlannerConfig) -> PlannerSt
         offset=measured.offset,
         proven=safety.least_friction(parameters.body, config),
         breakaway=breakaway.start(measured.pose),
-        command=Command(zero, zero, measured.offset, jnp.zeros(3, first.dtype), jnp.ones((), bool)),
+        formation=measured.formation,
+        berth=jnp.zeros((), first.dtype),
+        command=Command(zero, zero, measured.offset, jnp.zeros(3, first.dtype), jnp.ones((), bool), measured.formation),
     )
 
 
@@ -142,21 +155,25 @@ def _if_awake(
 
 def _search(state: PlannerState, task: Task, config: PlannerConfig) -> tuple[Path, Progress]:
     body, turn_radius = state.parameters.body, config.reference.turn_radius
-    found = route.plan(
+    chosen = route.plan(
         state.object.pose,
         state.offset,
         task.goal,
         state.path,
         state.progress,
         task.shapes,
+        task.formations,
+        state.formation,
+        state.berth,
         state.obstacles,
         body,
         config,
     )
+    shapes, found, aim = _in_formation(task, state.formation), chosen.refined, chosen.aim
     line = path.straight_poses(state.origin, task.goal.pose, found.poses.shape[0])
     planned = config.reference.plan_path > 0.5
-    paced = path.pace(jnp.where(planned, found.poses, line), task.shapes, body, turn_radius, found.cost)
-    paced = select(planned, path.with_pushes(paced, found.force, found.offset, found.room, task.shapes.team), paced)
+    paced = path.pace(jnp.where(planned, found.poses, line), shapes, body, turn_radius, aim, found.cost)
+    paced = select(planned, path.with_pushes(paced, found.force, found.offset, found.room, shapes.team), paced)
     renewed = reference.restart(state.progress, paced, config.reference)
     return paced, select(planned, renewed, state.progress)
 
@@ -165,16 +182,20 @@ def tick(
     state: PlannerState, measured: Measurement, task: Task, config: PlannerConfig
 ) -> tuple[PlannerState, Command, Report]:
     """One tick of the planner."""
-    horizon = config.horizon
-    estimate, parameters, obstacles, force, watched = observe(state, measured, task, config)
-    tolerance = jnp.stack([task.goal.position_tolerance, task.goal.heading_tolerance])
+    horizon, changed = config.horizon, measured.formation != state.formation
+    if count(task.formations) > 1:
+        state = select(changed, _regrouped(state, measured, task, config), state)
+    shapes = _in_formation(task, measured.formation)
+    present = dataclasses.replace(task, shapes=shapes)
+    estimate, parameters, obstacles, force, watched = observe(state, measured, present, config)
+    aim = state.path.aim
     progress = reference.advance(
         state.progress,
         state.path,
         estimate.pose,
         estimate.twist,
-        task.goal.pose,
-        tolerance,
+        aim.goal.pose,
+        jnp.stack([aim.goal.position_tolerance, aim.goal.heading_tolerance]),
         horizon.tick,
         config.reference,
     )
@@ -182,17 +203,17 @@ def tick(
     progress = select(jnp.any(measured.contact), progress, state.progress)
     warm = shift(state.solver, horizon.tick / horizon.dt)
     body = parameters.body
-    proven = safety.prove_friction(state.proven, estimate, force, measured.offset, body, task.shapes, config)
+    proven = safety.prove_friction(state.proven, estimate, force, measured.offset, body, shapes, config)
     situation = Situation(estimate, body, obstacles, measured.offset, force, proven, watched.waiting, progress.held)
-    progress = _scheduled(progress, state.path, situation, task.shapes, config)
+    progress = _scheduled(progress, state.path, situation, shapes, config)
     situation = dataclasses.replace(situation, held=progress.held)
-    given = (situation, state.path, progress, warm, task.shapes, config)
+    given = (situation, state.path, progress, warm, shapes, config)
     decided = _if_awake(progress, decide, given, at_rest(situation, warm), config)
-    limit = task.shapes.team.offset_limit
+    limit = shapes.team.offset_limit
     sent = decided.sent
     offset = jnp.clip(measured.offset + horizon.tick * sent.offset_rate, -limit, limit)
     twist = decided.solver.plan.xs[1, 3:6]
-    command = Command(sent.force, sent.offset_rate, offset, twist, progress.resting)
+    command = Command(sent.force, sent.offset_rate, offset, twist, progress.resting, measured.formation)
     new = PlannerState(
         estimate,
         obstacles,
@@ -205,9 +226,13 @@ def tick(
         measured.offset,
         proven,
         watched,
+        measured.formation,
+        state.berth,
         command,
     )
-    return new, command, decided.report
+    if count(task.formations) > 1:
+        new = regrouping(new, measured, task, config)
+    return new, new.command, decided.report
 
 
 def _scheduled(progress: Progress, path: Path, situation: Situation, shapes: Shapes, config: PlannerConfig) -> Progress:
@@ -222,6 +247,64 @@ def _scheduled(progress: Progress, path: Path, situation: Situation, shapes: Sha
         config.horizon.rest_skips,
     )
     return dataclasses.replace(progress, held=held)
+
+
+def _in_formation(task: Task, formation: Array) -> Shapes:
+    """The geometry with the team in a formation [] int."""
+    return dataclasses.replace(task.shapes, team=team_in(task.shapes.team, task.formations, formation))
+
+
+def _regrouped(state: PlannerState, measured: Measurement, task: Task, config: PlannerConfig) -> PlannerState:
+    """The state of a team that has begun to walk to another formation: no path yet, nobody pushes."""
+    fresh = start(task, measured, config)
+    here = dataclasses.replace(fresh.path, poses=jnp.broadcast_to(state.object.pose, fresh.path.poses.shape))
+    plan = Plan(
+        jnp.broadcast_to(
+            jnp.concatenate([state.object.pose, jnp.zeros(3, here.poses.dtype), measured.offset]),
+            state.solver.plan.xs.shape,
+        ),
+        jnp.zeros_like(state.solver.plan.us),
+    )
+    return dataclasses.replace(
+        state,
+        path=here,
+        progress=fresh.progress,
+        solver=sqp.start(plan, options(config)),
+        force=fresh.force,
+        offset=measured.offset,
+        formation=measured.formation,
+        berth=fresh.berth,
+        command=dataclasses.replace(state.command, force=fresh.force, formation=measured.formation),
+    )
+
+
+def regrouping(state: PlannerState, measured: Measurement, task: Task, config: PlannerConfig) -> PlannerState:
+    """The state in which a team that has come to rest at such a place is asked to walk to other faces.
+
+    Where it turns out to have too little room, it plans another way, for which it wants more.
+    """
+    aim, rate, now = state.path.aim, state.object.twist, measured.formation
+    still = (safe_norm(rate[:2]) < reference.STILL[0]) & (jnp.abs(rate[2]) < reference.STILL[1])
+    there = state.progress.resting & (aim.formation != now) & jnp.all(measured.contact) & still
+    given = (state.object.pose, measured.offset, now, aim.formation, task, state.obstacles, config)
+
+    def room(given: tuple[Any, ...]) -> Array:
+        pose, offset, now, wanted, task, obstacles, config = given
+        leaves, reaches = (team_in(task.shapes.team, task.formations, k) for k in (now, wanted))
+        size = count(task.formations)
+        return regrasp.room_to_walk(pose, offset, now, wanted, task.shapes, leaves, reaches, size, obstacles, config)
+
+    free = where_needed(there, room, given, jnp.full((), -1.0, aim.beyond.dtype), config.horizon.rest_skips)
+    goes, refused = there & (free > 0.0), there & (free <= 0.0)
+    formation = jnp.where(goes, aim.formation, now)
+    lost = dataclasses.replace(state.path, cost=jnp.full_like(state.path.cost, path.UNPLANNED))
+    return dataclasses.replace(
+        state,
+        path=select(refused, lost, state.path),
+        progress=dataclasses.replace(state.progress, resting=state.progress.resting & ~refused),
+        berth=state.berth + jnp.where(refused, SHY, 0.0),
+        command=dataclasses.replace(state.command, formation=formation),
+    )
 
 
 def observe(
@@ -268,6 +351,8 @@ def shift(solver: Iterate, fraction: Array | float) -> Iterate:
     return dataclasses.replace(solver, plan=Plan(xs, us))
 
 
+SHY = 0.05
+"""m, more room that is wanted for walks around the object after there was too little for one"""
 FORCE_LAG = 0.05
 """s, lag of the robots' push that the observer reckons with"""
 

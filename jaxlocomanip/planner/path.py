@@ -13,7 +13,7 @@ from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planar.geometry import perpendicular, rotate
 from jaxlocomanip.planner.authority import share, sliding_wrench
 from jaxlocomanip.planner.shapes import Shapes
-from jaxlocomanip.scenario import Team
+from jaxlocomanip.scenario import Goal, Team
 
 UNPLANNED = 1e4
 """cost of a path that nobody has planned"""
@@ -27,6 +27,18 @@ _STANDOFF, _LEAST_ROOM = 0.02, 0.04
 """m, left where the object could stop, and the room below which paths get no slower"""
 _WINDOW = 2
 """half-width, in points, of the window that smooths a path"""
+
+
+@pytree
+class Aim:
+    """Where a path leads: to the goal, or to where the team walks around the object to push at other faces."""
+
+    goal: Goal
+    """pose to come to rest at, and how precisely"""
+    formation: Array
+    """[] int, formation to take there; the present one at the goal itself"""
+    beyond: Array
+    """[] m, cost of the walk and of the way after it"""
 
 
 @pytree
@@ -44,7 +56,9 @@ class Path:
     walk: Array
     """[POINTS] largest sideways walking speed of a robot per unit of arc rate, as a fraction of what it can; > 0"""
     cost: Array
-    """[]"""
+    """[] m, of the way to its aim"""
+    aim: Aim
+    """where it leads"""
 
     @property
     def length(self) -> Array:
@@ -80,7 +94,12 @@ def straight_poses(start: Array, goal: Array, count: int) -> Array:
     return start + blend * (end - start)
 
 
-def unsearched(pose: Array, robots: int) -> Path:
+def at_goal(goal: Goal, formation: Array) -> Aim:
+    """The goal itself, with the team as it is."""
+    return Aim(goal, formation, jnp.zeros_like(goal.position_tolerance))
+
+
+def unsearched(pose: Array, robots: int, aim: Aim) -> Path:
     """A path that stays at a pose [3], until the first search."""
     poses = jnp.tile(pose, (POINTS, 1))
     still = jnp.zeros((POINTS, robots), pose.dtype)
@@ -91,10 +110,11 @@ def unsearched(pose: Array, robots: int) -> Path:
         still,
         jnp.ones_like(poses[:, 0]),
         jnp.full((), UNPLANNED, pose.dtype),
+        aim,
     )
 
 
-def pace(poses: Array, shapes: Shapes, body: Body, turn_radius: Floats, cost: Floats = UNPLANNED) -> Path:
+def pace(poses: Array, shapes: Shapes, body: Body, turn_radius: Floats, aim: Aim, cost: Floats = UNPLANNED) -> Path:
     """Path through poses [n, 3], smoothed with its ends kept and evenly spaced, with its steady pushes."""
     even = resample(resample(poses, turn_radius)[0], turn_radius)[0]
     window = jnp.hanning(2 * _WINDOW + 3)[1:-1].astype(poses.dtype)
@@ -105,7 +125,7 @@ def pace(poses: Array, shapes: Shapes, body: Body, turn_radius: Floats, cost: Fl
     final, arc = resample(smooth, turn_radius)
     force, offset = steady_pushes(final, shapes, body)
     walk = sideways(final, arc, offset, jnp.zeros_like(offset), shapes.team)
-    return Path(final, arc, force, offset, walk, jnp.asarray(cost, arc.dtype))
+    return Path(final, arc, force, offset, walk, jnp.asarray(cost, arc.dtype), aim)
 
 
 def with_pushes(path: Path, force: Array, offset: Array, room: Array, team: Team) -> Path:

@@ -79,13 +79,10 @@ def price_of_miss(miss: Array) -> Array:
     return MISS * (jnp.maximum(miss - FREE, 0.0) / (1.0 - FREE)) ** 2
 
 
-def clearance(
+def distance_field(
     grid: Grid, local: Array, goal: Array, shapes: Shapes, obstacles: ObstacleEstimate, config: PlannerConfig
 ) -> Array:
-    """[2, HEADINGS, CELLS, CELLS] m, least distance of the team's discs to any obstacle at each pose of the grid.
-
-    First with the robots at the middles of their faces, then with each where along its face it has most room.
-    """
+    """[CELLS, CELLS] m, distance of each node to the nearest obstacle, as predicted for when the team gets there."""
     ticks = jnp.arange(CELLS, dtype=local.dtype) * grid.spacing
     nodes = grid.origin + jnp.stack(jnp.meshgrid(ticks, ticks, indexing="ij"), axis=-1)
     arrival = jnp.sqrt(jnp.sum((nodes - local[:2]) ** 2, axis=-1)) / config.reference.speed
@@ -99,11 +96,18 @@ def clearance(
         berth = jnp.where(shapes.obstacle_dynamic, config.reference.caution * time, 0.0)
         return jnp.min(jnp.where(shapes.obstacle_mask, each - berth, FAR))
 
-    field = jax.vmap(jax.vmap(distance))(world, arrival)
-    headings = TURN * jnp.arange(HEADINGS, dtype=local.dtype)
+    return jax.vmap(jax.vmap(distance))(world, arrival)
+
+
+def clearance(field: Array, grid: Grid, shapes: Shapes, config: PlannerConfig) -> Array:
+    """[2, HEADINGS, CELLS, CELLS] m, least distance of the team's discs to any obstacle at each pose of the grid.
+
+    First with the robots at the middles of their faces, then with each where along its face it has most room.
+    """
+    headings = TURN * jnp.arange(HEADINGS, dtype=field.dtype)
 
     def at(heading: Array, center: Array, radius: Array) -> Array:
-        return _shifted(field, rotate(heading, center) / grid.spacing) - radius
+        return shifted(field, rotate(heading, center) / grid.spacing) - radius
 
     def least(heading: Array, centers: Array, radii: Array) -> Array:
         return jnp.min(jax.vmap(at, in_axes=(None, 0, 0))(heading, centers, radii), axis=0)
@@ -122,7 +126,7 @@ def clearance(
     return jax.vmap(at_heading, out_axes=1)(headings)
 
 
-def _shifted(field: Array, shift: Array) -> Array:
+def shifted(field: Array, shift: Array) -> Array:
     """field [n, n] read at index + shift [2] by bilinear interpolation, held at the border.
 
     The shift is the same for every node, so that one slice of the widened field and its neighbours by one are enough.

@@ -6,29 +6,44 @@ estimate do not turn a team around. The path is held fixed when gradients are ta
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxlocomanip.formation import team_in
 from jaxlocomanip.lanes import where_needed
-from jaxlocomanip.numerics import select, wrap_angle
+from jaxlocomanip.numerics import pytree, select, wrap_angle
 from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planner import reference
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
-from jaxlocomanip.planner.path import UNPLANNED, Path
+from jaxlocomanip.planner.path import UNPLANNED, Aim, Path
 from jaxlocomanip.planner.reference import Progress
 from jaxlocomanip.planner.refine import Guess, Refined, guess_along, guess_from, refine, unrefined
-from jaxlocomanip.planner.search import search_poses
+from jaxlocomanip.planner.search import Query, search_poses
 from jaxlocomanip.planner.shapes import Shapes
-from jaxlocomanip.scenario import Goal
+from jaxlocomanip.scenario import Formations, Goal
 
 _WORSE, _MORE = 1.1, 0.3
 """a new path is searched if the old one costs more than so many times what it was expected to, and so many metres"""
 _SHARE, _LESS = 0.8, 0.3
 """a new path is taken if it costs less than this share of the old one's cost, less so many metres"""
+
+
+@pytree
+class Choice:
+    """A path and where it leads."""
+
+    refined: Refined
+    aim: Aim
+
+    @property
+    def cost(self) -> Array:
+        """[] m, all the way to the goal."""
+        return self.refined.cost + self.aim.beyond
 
 
 def plan(
@@ -38,10 +53,13 @@ def plan(
     path: Path,
     progress: Progress,
     shapes: Shapes,
+    formations: Formations,
+    now: Array,
+    berth: Array,
     obstacles: ObstacleEstimate,
     body: Body,
     config: PlannerConfig,
-) -> Refined:
+) -> Choice:
     """The path to follow from a pose [3].
 
     Args:
@@ -50,46 +68,52 @@ def plan(
       goal: where to.
       path: in force.
       progress: on it.
-      shapes: geometry and team.
+      shapes: geometry, and the team in its first formation.
+      formations: the other ones.
+      now: [] int, formation now.
+      berth: [] m, room that walks around the object keep beyond the usual.
       obstacles: as estimated.
       body: the object as estimated.
       config: settings.
     """
     pose, offset, path, progress = jax.lax.stop_gradient((pose, offset, path, progress))
-    given = jax.lax.stop_gradient((goal, shapes, obstacles, body, config))
-    goal, shapes, obstacles, body, config = given
+    given = jax.lax.stop_gradient((shapes, formations, obstacles, body, config))
+    shapes, formations, obstacles, body, config = given
     skips = config.horizon.rest_skips
-    rest = guess_along(path, progress.projected, pose, offset, shapes, body, config)
-
-    def search(given: tuple[Any, ...]) -> Guess:
-        pose, offset, goal, shapes, obstacles, body, config = given
-        rough = search_poses(pose, goal, shapes, obstacles, body, config)
-        return guess_from(rough, offset, shapes, body, config)
-
-    def consider(carry: tuple[Refined, Array], anew: Array) -> tuple[tuple[Refined, Array], None]:
-        best, needed = carry
-        guess = jax.lax.cond(
-            anew, lambda: where_needed(needed, search, (pose, offset, *given), rest, skips), lambda: rest
-        )
-        found = where_needed(needed, lambda arguments: refine(*arguments), (guess, *given), best, skips)
-        best = select(needed & (found.cost < _SHARE * best.cost - _LESS), found, best)
-        return (best, _wants_rival(best, path, progress, goal, shapes, config)), None
-
+    there = dataclasses.replace(shapes, team=team_in(shapes.team, formations, now))
     # A path on which nothing moves is none, whatever it seems to cost: then the search decides alone.
     stuck = reference.stalls(progress, config.reference) >= reference.PATIENCE
-    first = (unrefined(rest), (path.cost < UNPLANNED) & ~stuck)
+    query = jax.lax.stop_gradient(Query(pose, goal, now, stuck, berth))
+    rest = guess_along(path, progress.projected, pose, offset, there, body, config), path.aim
+
+    def search(arguments: tuple[Any, ...]) -> tuple[Guess, Aim]:
+        query, offset, there, shapes, formations, obstacles, body, config = arguments
+        rough = search_poses(query, shapes, formations, obstacles, body, config)
+        return guess_from(rough.poses, offset, there, body, config), rough.aim
+
+    def consider(carry: tuple[Choice, Array], anew: Array) -> tuple[tuple[Choice, Array], None]:
+        best, needed = carry
+        guess, aim = jax.lax.cond(
+            anew, lambda: where_needed(needed, search, (query, offset, there, *given), rest, skips), lambda: rest
+        )
+        arguments = (guess, aim.goal, there, obstacles, body, config)
+        found = where_needed(needed, lambda arguments: refine(*arguments), arguments, best.refined, skips)
+        new = Choice(found, aim)
+        best = select(needed & (new.cost < _SHARE * best.cost - _LESS), new, best)
+        return (best, _wants_rival(best, path, progress, shapes, config)), None
+
+    first = (Choice(unrefined(rest[0]), path.aim), (path.cost < UNPLANNED) & ~stuck)
     # One after the other in a loop, so that the refinement is compiled once.
     (best, _), _ = jax.lax.scan(consider, first, jnp.array([False, True]))
     return best
 
 
-def _wants_rival(
-    best: Refined, path: Path, progress: Progress, goal: Goal, shapes: Shapes, config: PlannerConfig
-) -> Array:
+def _wants_rival(best: Choice, path: Path, progress: Progress, shapes: Shapes, config: PlannerConfig) -> Array:
     """[] bool: a path that goes on as it was expected to needs no rival, unless obstacles move."""
     expected = path.cost * (path.length - progress.projected) / jnp.maximum(path.length, 1e-3)
-    worse = best.cost > _WORSE * expected + _MORE
-    miss = jnp.abs(best.poses[-1] - goal.pose)
+    worse = best.refined.cost > _WORSE * expected + _MORE
+    goal = best.aim.goal
+    miss = jnp.abs(best.refined.poses[-1] - goal.pose)
     off = jnp.maximum(
         jnp.max(miss[:2]) / goal.position_tolerance, jnp.abs(wrap_angle(miss[2])) / goal.heading_tolerance
     )

@@ -4,28 +4,48 @@ Dynamic programming over a grid of poses (x, y, heading) in the goal's frame. A 
 directions while the heading keeps or changes by one of 16 steps, or turns on the spot. Its cost is its length, more
 where the object or a robot comes near an obstacle, and much more where the team, which can only push, has no wrench
 for it. Obstacles that move are taken where they are predicted to be when the team gets there. What comes out says
-which way around the obstacles and whether to take a loop; `refine` makes a path of it that can be pushed.
+which way around the obstacles, whether to take a loop, and whether to walk around the object to other faces on the
+way (`regrasp`); `refine` makes a path of it that can be pushed.
 
 The path is a piecewise smooth function of its inputs, and is held fixed when gradients are taken.
 """
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import wrap_angle
+from jaxlocomanip.formation import count, team_in, usable
+from jaxlocomanip.lanes import where_needed
+from jaxlocomanip.numerics import pytree, safe_norm, select, wrap_angle
 from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planar.geometry import rotate
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.descent import STEPS, descend
 from jaxlocomanip.planner.estimation import ObstacleEstimate
-from jaxlocomanip.planner.moves import price_moves
-from jaxlocomanip.planner.pose_grid import clearance, ends, lay_grid
+from jaxlocomanip.planner.moves import Moves, price_moves
+from jaxlocomanip.planner.path import Aim, at_goal
+from jaxlocomanip.planner.pose_grid import (
+    CELLS,
+    DIRECTIONS,
+    FAR,
+    HEADINGS,
+    TURN,
+    TURNS,
+    Grid,
+    clearance,
+    distance_field,
+    ends,
+    lay_grid,
+)
+from jaxlocomanip.planner.regrasp import HEADING_TOLERANCE, POSITION_TOLERANCE, PRICE, ROOM, order, ring, walk_prices
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.sweeping import cost_to_go
-from jaxlocomanip.scenario import Goal
+from jaxlocomanip.scenario import Formations, Goal
 
 ROUGH = STEPS + 2
 """poses of a searched path"""
@@ -34,25 +54,162 @@ _BLOCKED = 60.0
 _THICKNESS = 0.03
 """m, by which discs reach beyond the bodies that they cover: overlaps larger than that are real, and cost more, unless
 robots can avoid them at other contact offsets"""
+_STUCK = 6.0
+"""m of detour that a team that does not get on would make to leave by other faces"""
+
+
+@pytree
+class Query:
+    """What is searched for."""
+
+    start: Array
+    """[3] pose"""
+    goal: Goal
+    now: Array
+    """[] int, formation"""
+    stuck: Array
+    """[] bool: the team does not get on in its formation"""
+    berth: Array
+    """[] m, room that walks around the object keep beyond the usual"""
+
+
+@pytree
+class Found:
+    """A rough path."""
+
+    poses: Array
+    """[ROUGH, 3], the last one repeated"""
+    aim: Aim
+
+
+@pytree
+class Landscape:
+    """The grid as one formation sees it; leaves [HEADINGS, CELLS, CELLS] but for the moves."""
+
+    density: Array
+    """cost of a unit of length"""
+    moves: Moves
+    stop: Array
+    """cost of ending at the goal's pose"""
+    walks: Array
+    """[2, ...] cost of walking on by a face, forwards or backwards, and of what comes after"""
+    value: Array
+    """cost to go"""
+
+    @property
+    def ending(self) -> Array:
+        """Cost of ending, one way or another."""
+        return jnp.minimum(self.stop, jnp.min(self.walks, axis=0))
 
 
 def search_poses(
-    start: Array, target: Goal, shapes: Shapes, obstacles: ObstacleEstimate, body: Body, config: PlannerConfig
-) -> Array:
-    """[ROUGH, 3] poses along the cheapest path on the grid from the pose `start` [3] to a goal, where they stay."""
-    given = jax.lax.stop_gradient((start, target, shapes, obstacles, body, config))
-    start, target, shapes, obstacles, body, config = given
-    goal = target.pose
-    turn_radius = config.reference.turn_radius
+    query: Query,
+    shapes: Shapes,
+    formations: Formations,
+    obstacles: ObstacleEstimate,
+    body: Body,
+    config: PlannerConfig,
+) -> Found:
+    """The cheapest path on the grid from a pose to a goal, or to where the team had better walk to other faces.
+
+    Args:
+      query: from where to where.
+      shapes: geometry, and the team in its first formation.
+      formations: the other ones.
+      obstacles: as estimated.
+      body: the object as estimated.
+      config: settings.
+    """
+    query, shapes, formations, obstacles, body, config = jax.lax.stop_gradient(
+        (query, shapes, formations, obstacles, body, config)
+    )
+    start, goal = query.start, query.goal.pose
     local = jnp.concatenate([rotate(-goal[2], start[:2] - goal[:2]), wrap_angle(start[2:] - goal[2:])])
     grid = lay_grid(local)
-    near, widest = clearance(grid, local, goal, shapes, obstacles, config)
-    density = 1.0 + 3.0 * jnp.maximum(config.reference.clearance - near, 0.0)
-    tight, overlap = (jnp.maximum(2.0 * config.constraints.margin - room, 0.0) for room in (near, widest))
-    density = density + _BLOCKED * (tight + overlap**2 / _THICKNESS)
-    moves = price_moves(shapes, body, grid.spacing, turn_radius)
-    ending = ends(grid, target) + grid.spacing * (density - 1.0)
-    value = cost_to_go(ending, density, moves)
-    poses = descend(local, grid, value, ending, density, moves, shapes, body, turn_radius)
+    land = survey(local, grid, query, shapes, formations, obstacles, body, config)
+    team = team_in(shapes.team, formations, query.now)
+    there = dataclasses.replace(shapes, team=team)
+    poses, last, cost = descend(
+        local, grid, land.value, land.ending, land.density, land.moves, there, body, config.reference.turn_radius
+    )
     heading = start[2] + poses[:, 2:] - local[2]
-    return jnp.concatenate([goal[:2] + rotate(goal[2], poses[:, :2]), heading], axis=1)
+    poses = jnp.concatenate([goal[:2] + rotate(goal[2], poses[:, :2]), heading], axis=1)
+    if count(formations) == 1:
+        return Found(poses, at_goal(query.goal, query.now))
+    # Where it is best to walk at once, the path stays where it is, and not on the nearest node.
+    here = _node(local, grid)
+    at_once = jnp.min(land.walks[:, *here]) <= cost
+    poses, last = jnp.where(at_once, start, poses), jnp.where(at_once, here, last)
+    return Found(poses, _aim(query, poses[-1], land.stop[*last], land.walks[:, *last], count(formations)))
+
+
+def _aim(query: Query, end: Array, stop: Array, walks: Array, size: int) -> Aim:
+    """Where a path that ends at a pose [3] leads, by the costs of ending there."""
+    on = jnp.where(walks[0] <= walks[1], 1, -1)
+    tolerances = jnp.asarray(POSITION_TOLERANCE, end.dtype), jnp.asarray(HEADING_TOLERANCE, end.dtype)
+    walk = Aim(Goal(end, *tolerances), (query.now + on) % size, jnp.min(walks))
+    return select(jnp.min(walks) < stop, walk, at_goal(query.goal, query.now))
+
+
+def _node(local: Array, grid: Grid) -> Array:
+    """[3] heading bin and cell nearest to a pose [3]."""
+    cell = jnp.clip(jnp.rint((local[:2] - grid.origin) / grid.spacing), 0, CELLS - 1)
+    return jnp.concatenate([jnp.rint(local[2:] / TURN) % HEADINGS, cell]).astype(jnp.int32)
+
+
+def survey(
+    local: Array,
+    grid: Grid,
+    query: Query,
+    shapes: Shapes,
+    formations: Formations,
+    obstacles: ObstacleEstimate,
+    body: Body,
+    config: PlannerConfig,
+) -> Landscape:
+    """The grid as the present formation sees it, the others looked at where they might help.
+
+    A walk costs its price at least: where the goal can be reached for little more than the straight line, no other
+    formation need be looked at.
+    """
+    size, now = count(formations), query.now
+    field = distance_field(grid, local, query.goal.pose, shapes, obstacles, config)
+    arrive, fits = ends(grid, query.goal), usable(formations)
+    room = ring(field, grid, shapes) if size > 1 else field
+
+    def landscape(given: tuple[Any, ...]) -> Landscape:
+        k, table, query, shapes, formations, body, config, grid, field, room, arrive = given
+        there = dataclasses.replace(shapes, team=team_in(shapes.team, formations, k))
+        near, widest = clearance(field, grid, there, config)
+        density = 1.0 + 3.0 * jnp.maximum(config.reference.clearance - near, 0.0)
+        tight, overlap = (jnp.maximum(2.0 * config.constraints.margin - free, 0.0) for free in (near, widest))
+        density = density + _BLOCKED * (tight + overlap**2 / _THICKNESS)
+        moves = price_moves(there, body, grid.spacing, config.reference.turn_radius)
+        stop = arrive + grid.spacing * (density - 1.0) + jnp.where(query.stuck & (k == query.now), _STUCK, 0.0)
+        walks = jnp.full((2, *stop.shape), FAR, stop.dtype)
+        if size > 1:
+            berth = config.safety.margin + ROOM + query.berth
+            for way, on in enumerate((1, -1)):
+                to = (k + on) % size
+                reaches = team_in(shapes.team, formations, to)
+                walks = walks.at[way].set(walk_prices(room, there.team, reaches, shapes, on > 0, berth) + table[to])
+        value = cost_to_go(jnp.minimum(stop, jnp.min(walks, axis=0)), density, moves)
+        return Landscape(density, moves, stop, walks, value)
+
+    def look(carry: tuple[Array, Landscape, Array], shift: Array) -> tuple[tuple[Array, Landscape, Array], None]:
+        table, known, wanted = carry
+        k = (now + shift) % size
+        given = (k, table, query, shapes, formations, body, config, grid, field, room, arrive)
+        needed = wanted & fits[k]
+        found = where_needed(needed, landscape, given, known)
+        table = jnp.where(needed, table.at[k].set(found.value), table)
+        known = select(shift == 0, found, known)
+        far = known.value[*_node(local, grid)] > safe_norm(local[:2]) + PRICE
+        return (table, known, far | query.stuck), None
+
+    blank = jnp.full((HEADINGS, CELLS, CELLS), FAR, local.dtype)
+    free = Moves(jnp.zeros((DIRECTIONS, HEADINGS, len(TURNS)), local.dtype), jnp.zeros(2, local.dtype))
+    first = Landscape(blank, free, blank, jnp.stack([blank, blank]), blank)
+    begin = (jnp.stack([blank] * size), first, jnp.ones((), bool))
+    (_, land, _), _ = jax.lax.scan(look, begin, jnp.asarray(order(size)))
+    return land

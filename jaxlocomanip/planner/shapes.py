@@ -37,14 +37,20 @@ class Shapes:
     @property
     def robot_radii(self) -> Array:
         """[N_r] m, radius of each of a robot's discs."""
-        return jnp.sqrt((self.team.half_length / ROBOT_DISCS) ** 2 + self.team.half_width**2)
+        return rectangle_discs(self.team)[1]
 
     def robot_centers(self, offset: Array) -> Array:
         """[N_r, ROBOT_DISCS, 2] m, disc centres in the object's frame at contact offsets [N_r]."""
         team = self.team
-        fractions = (2.0 * jnp.arange(ROBOT_DISCS) + 1.0) / ROBOT_DISCS - 1.0
-        back = team.reach[:, None] + fractions * team.half_length[:, None]
+        back = team.reach[:, None] + rectangle_discs(team)[0]
         return team.contact_points(offset)[:, None, :] - back[..., None] * team.normal[:, None, :]
+
+
+def rectangle_discs(team: Team) -> tuple[Array, Array]:
+    """Discs that cover the robots' body rectangles: places [N_r, ROBOT_DISCS] m behind their centres, radii [N_r] m."""
+    fractions = (2.0 * jnp.arange(ROBOT_DISCS) + 1.0) / ROBOT_DISCS - 1.0
+    radii = jnp.sqrt((team.half_length / ROBOT_DISCS) ** 2 + team.half_width**2)
+    return fractions * team.half_length[:, None], radii
 
 
 def shapes_of(scenario: Scenario) -> Shapes:

@@ -72,6 +72,7 @@ def scenario_tables(study: Study, draws: Draws) -> dict[str, Any]:
     return {
         "name": f"{study.name}-{draws.index:06d}",
         "duration": values("duration"),
+        "change_faces": values("team.change_faces"),
         "object": body,
         "truth": _truth(values, size),
         "start": {"pose": start},

@@ -120,6 +120,9 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
             "'consecutive', or a list with one face for each robot (then `team.size` does not count)",
         ),
         "team.first_face": Parameter(_name(*BOX_FACES), "-x", "of consecutive faces, which go on counter-clockwise"),
+        "team.change_faces": Parameter(
+            checked.flag, False, "the team may walk around the object to push at other faces"
+        ),
         "team.offsets": Parameter(_number(-5.0, 5.0), 0.0, "m, contact offset at the start; drawn for each robot"),
         "obstacles.count": Parameter(_whole(0, MOST_OBSTACLES), 0, "obstacles beside the fixed ones"),
         "obstacles.shape": Parameter(_name("box", "circle"), "box", "drawn for each obstacle, like all below"),

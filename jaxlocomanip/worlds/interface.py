@@ -22,6 +22,8 @@ class Push:
     """[3] m/s, rad/s: the velocity that the object is meant to have, of its body point, world axes"""
     resting: Array
     """[] bool: the object has arrived, nobody needs to walk"""
+    formation: Array | int = 0
+    """[] int: which the team shall take"""
 
 
 @pytree
@@ -56,6 +58,8 @@ class View:
     """[N_r] bool: the robot is at its face and pushes as asked"""
     fallen: Array
     """[N_r] bool"""
+    formation: Array
+    """[] int: which the team has, or is about to take; the offsets are those in it"""
     bodies: Bodies | None
     """what only a world with bodies in space has"""
 

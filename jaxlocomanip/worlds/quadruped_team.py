@@ -102,6 +102,7 @@ def view_of(state: QuadrupedState, scenario: Scenario, robots: Robots) -> View:
         robots=rectangles,
         contact=contact.at_face(state.contact, faces, robots.contact),
         fallen=low | (seen.robots.rotation[:, 2, 2] < math.cos(FALLEN_TILT)),
+        formation=jnp.zeros((), jnp.int32),
         bodies=Bodies(seen.body_position, seen.body_quaternion, seen.foot_force, faces.point),
     )
 

@@ -1,0 +1,116 @@
+"""Formations: the faces of the object that a team pushes at, and its walk around the object to other ones.
+
+A change of formation turns the team around the object: every robot moves on by the same number of faces, all at once,
+in three phases. It steps back from its face until it can turn clear of the object's corners; it circles around the
+object, facing it; it steps up to its new face. Robots keep their order and, at any time, at least the angle between
+them that they have at one of the two ends, so that they stay out of each other's way. The object stands meanwhile.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxlocomanip.numerics import pytree, safe_norm, wrap_angle
+from jaxlocomanip.planar.geometry import transform
+from jaxlocomanip.scenario import Formations, Team
+
+PHASES = 3
+"""stepping back, circling, stepping up"""
+BACK = 0.05
+"""m, between the object's corners and the pushers of circling robots"""
+STEP_SPEED = 0.3
+"""m/s, to and from a face"""
+CIRCLING = 0.8
+"""of a robot's sideways walking speed, at which it circles"""
+
+
+@pytree
+class Walk:
+    """A walk of the whole team around the object, in the object's frame."""
+
+    centre: Array
+    """[2] m, of the circle"""
+    radius: Array
+    """[N_r] m, of the robots' centres while they circle"""
+    leaves: Array
+    """[N_r, 3] poses at the faces that they leave"""
+    reaches: Array
+    """[N_r, 3] poses at the faces that they walk to"""
+    angle: Array
+    """[N_r] rad, polar angle at which each begins to circle"""
+    turn: Array
+    """[N_r] rad, by which each circles"""
+    durations: Array
+    """[PHASES] s"""
+
+    def poses(self, phase: Array) -> Array:
+        """[N_r, 3] poses in the object's frame at a phase [] in [0, PHASES]."""
+        out, around, up = (jnp.clip(phase - k, 0.0, 1.0) for k in range(PHASES))
+        angle = self.angle + around * self.turn
+        outwards = jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1)
+        place = self.centre + self.radius[:, None] * outwards
+        circling = jnp.concatenate([place, angle[:, None] + jnp.pi], axis=1)
+        stands = jnp.where(around > 0.0, self.reaches, self.leaves)
+        share = jnp.where(around > 0.0, up, 1.0 - out)
+        # While it circles, share is zero but for the ends of that phase, where both poses agree on the way to take.
+        off = stands - circling
+        off = jnp.concatenate([off[:, :2], wrap_angle(off[:, 2:])], axis=1)
+        return circling + share * off
+
+    def poses_in_world(self, pose: Array, phase: Array) -> Array:
+        """[N_r, 3] poses in the world around an object that stands at `pose` [3]."""
+        here = self.poses(phase)
+        return jnp.concatenate([transform(pose, here[:, :2]), here[:, 2:] + pose[2]], axis=1)
+
+    def advance(self, phase: Array, period: Array | float) -> Array:
+        """[] phase after a period, s."""
+        pace = 1.0 / self.durations[jnp.clip(phase.astype(jnp.int32), 0, PHASES - 1)]
+        return jnp.minimum(phase + pace * period, float(PHASES))
+
+
+def count(formations: Formations) -> int:
+    """Formations that a team can take, the one that it begins with included."""
+    return 1 + formations.usable.shape[-1]
+
+
+def team_in(team: Team, formations: Formations, formation: Array) -> Team:
+    """The team in a formation [] int; 0 is the one that it begins with."""
+    if count(formations) == 1:
+        return team
+    return jax.tree.map(lambda own, others: jnp.concatenate([own[None], others])[formation], team, formations.team)
+
+
+def usable(formations: Formations) -> Array:
+    """[F + 1] bool, formations that may be taken."""
+    return jnp.concatenate([jnp.ones(1, bool), formations.usable])
+
+
+def circle(vertices: Array, team: Team) -> tuple[Array, Array]:
+    """Centre [2] m, in the object's frame, and radii [N_r] m of the circles on which a team walks around an object."""
+    centre = jnp.mean(vertices, axis=0)
+    corners = jnp.max(safe_norm(vertices - centre))
+    return centre, corners + BACK + team.reach
+
+
+def walk_around(vertices: Array, leaves: Team, offset: Array, reaches: Team, forwards: Array) -> Walk:
+    """The walk from one formation to another.
+
+    Args:
+      vertices: [V, 2] m, the object's footprint.
+      leaves: the team as it stands.
+      offset: [N_r] m, its contact offsets.
+      reaches: the team as it shall stand, at its first contact offsets.
+      forwards: [] bool, counter-clockwise.
+    """
+    centre, radius = circle(vertices, leaves)
+    still = jnp.zeros(3, offset.dtype)
+    begin, end = leaves.robot_poses(still, offset), reaches.robot_poses(still, reaches.offset)
+    first, last = (jnp.arctan2(*(pose[:, 1::-1] - centre[::-1]).T) for pose in (begin, end))
+    turn = jnp.where(forwards, (last - first) % (2.0 * jnp.pi), -((first - last) % (2.0 * jnp.pi)))
+    circling = CIRCLING * jnp.min(leaves.slide_speed_max / radius)
+    out = jnp.max(jnp.abs(radius - safe_norm(begin[:, :2] - centre)))
+    up = jnp.max(jnp.abs(radius - safe_norm(end[:, :2] - centre)))
+    durations = jnp.stack([out / STEP_SPEED, jnp.max(jnp.abs(turn)) / circling, up / STEP_SPEED])
+    return Walk(centre, radius, begin, end, first, turn, durations + 0.1)
