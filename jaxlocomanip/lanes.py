@@ -42,6 +42,9 @@ def where_needed(
     if not skips:
         return select(needed, function(arguments), otherwise)
 
+    # Both rules below call it: compiled by itself it is traced once and not, in nested conditions, 2, 4, 8 times.
+    function = jax.jit(function)
+
     @custom_vmap
     def choose(needed: Array, arguments: Any, otherwise: Any) -> Any:
         return jax.lax.cond(needed, lambda: function(arguments), lambda: otherwise)
@@ -81,7 +84,7 @@ def _in_groups(
     order = jnp.argsort(~needed, stable=True)
     order = jnp.concatenate([order, jnp.full(group, size, order.dtype)])
     count = jnp.sum(needed)
-    over_lanes = jax.vmap(function, in_axes=([0 if has else None for has in has_lanes],))
+    over_lanes = _over_lanes(function, has_lanes, group)
 
     def unfinished(carry: tuple[Array, Any]) -> Array:
         return carry[0] < count
@@ -97,3 +100,15 @@ def _in_groups(
         return first + group, put
 
     return jax.lax.while_loop(unfinished, one_group, (jnp.zeros((), count.dtype), results))[1]
+
+
+def _over_lanes(function: Callable[[list[Array]], Any], has_lanes: list[bool], group: int) -> Callable[..., Any]:
+    """The function over a group of lanes; a single one as it is, so that conditions in it stay conditions."""
+    if group > 1:
+        return jax.vmap(function, in_axes=([0 if has else None for has in has_lanes],))
+
+    def alone(leaves: list[Array]) -> Any:
+        only = [leaf[0] if has else leaf for leaf, has in zip(leaves, has_lanes, strict=True)]
+        return jax.tree.map(lambda leaf: leaf[None], function(only))
+
+    return alone

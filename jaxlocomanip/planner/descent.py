@@ -75,14 +75,14 @@ def descend(
         new = jnp.where(arrived, node, targets[jnp.argmin(cost)])
         return new, new
 
-    first, cost = _first_node(start, grid, value, density, shapes, body, turn_radius)
+    first, cost = first_node(start, grid, value, density, shapes, body, turn_radius)
     last, rest = jax.lax.scan(step, first, None, length=STEPS)
     nodes = jnp.concatenate([first[None], rest]).astype(start.dtype)
     poses = jnp.concatenate([grid.origin + grid.spacing * nodes[:, 1:], TURN * nodes[:, :1]], axis=1)
     return jnp.concatenate([start[None], poses]), _inside(last), cost
 
 
-def _first_node(
+def first_node(
     start: Array, grid: Grid, value: Array, density: Array, shapes: Shapes, body: Body, turn_radius: Floats
 ) -> tuple[Array, Array]:
     """Heading bin and cell [3] of the node at which a path from the pose `start` [3] had best begin, and its cost."""

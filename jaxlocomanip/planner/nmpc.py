@@ -101,6 +101,8 @@ class PlannerState:
     """[] int, of the team at the last tick"""
     berth: Array
     """[] m, room that walks around the object keep beyond the usual: grows where there was too little"""
+    walks: Array
+    """[] int, walks around the object so far"""
     command: Command
 
 
@@ -126,6 +128,7 @@ def start(task: Task, measured: Measurement, config: PlannerConfig) -> PlannerSt
         breakaway=breakaway.start(measured.pose),
         formation=measured.formation,
         berth=jnp.zeros((), first.dtype),
+        walks=jnp.zeros((), jnp.int32),
         command=Command(zero, zero, measured.offset, jnp.zeros(3, first.dtype), jnp.ones((), bool), measured.formation),
     )
 
@@ -165,6 +168,7 @@ def _search(state: PlannerState, task: Task, config: PlannerConfig) -> tuple[Pat
         task.formations,
         state.formation,
         state.berth,
+        state.walks,
         state.obstacles,
         body,
         config,
@@ -228,6 +232,7 @@ def tick(
         watched,
         measured.formation,
         state.berth,
+        state.walks,
         command,
     )
     if count(task.formations) > 1:
@@ -274,6 +279,7 @@ def _regrouped(state: PlannerState, measured: Measurement, task: Task, config: P
         offset=measured.offset,
         formation=measured.formation,
         berth=fresh.berth,
+        walks=state.walks + 1,
         command=dataclasses.replace(state.command, force=fresh.force, formation=measured.formation),
     )
 
@@ -290,9 +296,7 @@ def regrouping(state: PlannerState, measured: Measurement, task: Task, config: P
 
     def room(given: tuple[Any, ...]) -> Array:
         pose, offset, now, wanted, task, obstacles, config = given
-        leaves, reaches = (team_in(task.shapes.team, task.formations, k) for k in (now, wanted))
-        size = count(task.formations)
-        return regrasp.room_to_walk(pose, offset, now, wanted, task.shapes, leaves, reaches, size, obstacles, config)
+        return regrasp.room_to_walk(pose, offset, now, wanted, task.shapes, task.formations, obstacles, config)
 
     free = where_needed(there, room, given, jnp.full((), -1.0, aim.beyond.dtype), config.horizon.rest_skips)
     goes, refused = there & (free > 0.0), there & (free <= 0.0)

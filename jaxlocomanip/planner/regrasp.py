@@ -11,19 +11,22 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.formation import PHASES, circle, walk_around
-from jaxlocomanip.planar.geometry import point_distance
+from jaxlocomanip.formation import PHASES, circle, count, team_in, walk_around
+from jaxlocomanip.planar.geometry import polygon_distance, rectangle
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.pose_grid import FAR, HEADINGS, TURN, Grid, shifted
 from jaxlocomanip.planner.shapes import ROBOT_DISCS, Shapes, rectangle_discs
-from jaxlocomanip.scenario import Team
+from jaxlocomanip.scenario import Formations, Team
 
-PRICE = 3.0
-"""m of way that a walk around the object is worth: it takes about as long"""
+PRICE, AGAIN = 3.0, 1.0
+"""m of way that a walk around the object is worth, since it takes about as long, and how much more with every one that
+the team has made: lest it goes to and fro between two formations of which each promises more than it keeps"""
 ROOM = 0.1
 """m, beyond all margins, that a walk is planned with: the object comes to rest near the pose, not at it"""
-SAMPLES = 13
+YIELD = 0.005
+"""m, that robots in a tight place may come closer when they leave it"""
+SAMPLES = 16
 """instants of a walk at which its room is looked at"""
 POSITION_TOLERANCE, HEADING_TOLERANCE = 0.1, 0.25
 """m and rad, of where the team walks around the object: a miss changes little"""
@@ -50,8 +53,8 @@ def ring(field: Array, grid: Grid, shapes: Shapes) -> Array:
     return jax.lax.map(at, TURN * jnp.arange(HEADINGS, dtype=field.dtype))
 
 
-def walk_prices(room: Array, leaves: Team, reaches: Team, shapes: Shapes, forwards: bool, berth: Array) -> Array:
-    """[HEADINGS, CELLS, CELLS] m, price of a walk at each pose; `FAR` where it has too little room.
+def may_walk(room: Array, leaves: Team, reaches: Team, shapes: Shapes, forwards: bool, berth: Array) -> Array:
+    """[HEADINGS, CELLS, CELLS] bool, at which poses there is room for a walk.
 
     Args:
       room: result of `ring`.
@@ -73,7 +76,7 @@ def walk_prices(room: Array, leaves: Team, reaches: Team, shapes: Shapes, forwar
         return jnp.min(jnp.where(jnp.roll(swept, turn)[:, None, None], room, FAR), axis=0)
 
     least = jax.lax.map(at_heading, jnp.arange(HEADINGS))
-    return jnp.where(least > berth, PRICE, FAR)
+    return least > berth
 
 
 def order(size: int) -> list[int]:
@@ -91,42 +94,43 @@ def room_to_walk(
     now: Array,
     wanted: Array,
     shapes: Shapes,
-    leaves: Team,
-    reaches: Team,
-    size: int,
+    formations: Formations,
     obstacles: ObstacleEstimate,
     config: PlannerConfig,
 ) -> Array:
-    """[] m, least distance between robots and obstacles during a walk, beyond the filter's margin.
+    """[] m, least distance between the robots' bodies and obstacles during a walk, beyond what has to be kept.
+
+    That is the filter's margin, or nearly what there is at the beginning if that is less: robots that stand in a tight
+    place may leave it.
 
     Args:
       pose: [3] of the object.
       offset: [N_r] m, contact offsets now.
       now: [] int, formation now.
       wanted: [] int, formation to take.
-      shapes: geometry.
-      leaves: the team in the one.
-      reaches: and in the other.
-      size: number of formations.
+      shapes: geometry, and the team in its first formation.
+      formations: the other ones.
       obstacles: as estimated; extrapolated at constant velocity, with a berth that grows in time.
       config: settings.
     """
+    size = count(formations)
+    leaves, reaches = (team_in(shapes.team, formations, k) for k in (now, wanted))
     forwards = (wanted - now) % size <= size // 2
     walk = walk_around(shapes.object_vertices, leaves, offset, reaches, forwards)
-    along, radii = rectangle_discs(shapes.team)
 
     def at(phase: Array) -> Array:
-        poses = walk.poses_in_world(pose, phase)
-        heading = jnp.stack([jnp.cos(poses[:, 2]), jnp.sin(poses[:, 2])], axis=-1)
-        discs = (poses[:, None, :2] - along[..., None] * heading[:, None]).reshape(-1, 2)
+        bodies = jax.vmap(rectangle)(walk.poses_in_world(pose, phase), leaves.half_length, leaves.half_width)
         time = jnp.sum(walk.durations * jnp.clip(phase - jnp.arange(PHASES), 0.0, 1.0))
         places = obstacles.position + obstacles.velocity * time
         berth = jnp.where(shapes.obstacle_dynamic, config.reference.caution * time, 0.0)
-        away = jax.vmap(lambda place, v, r: jax.vmap(lambda disc: point_distance(disc - place, v, r))(discs))(
-            places, shapes.obstacle_vertices, shapes.obstacle_radius
-        )
-        away = jnp.where(shapes.obstacle_mask[:, None], away - berth[:, None], FAR)
-        return jnp.min(away - jnp.repeat(radii, ROBOT_DISCS))
 
-    least = jnp.min(jax.lax.map(at, jnp.linspace(0.0, float(PHASES), SAMPLES, dtype=pose.dtype)))
-    return least - config.safety.margin
+        def from_obstacles(body: Array) -> Array:
+            each = jax.vmap(lambda place, v, r: polygon_distance(body, 0.0, place + v, r))(
+                places, shapes.obstacle_vertices, shapes.obstacle_radius
+            )
+            return jnp.min(jnp.where(shapes.obstacle_mask, each - berth, FAR))
+
+        return jnp.min(jax.vmap(from_obstacles)(bodies))
+
+    rooms = jax.lax.map(at, jnp.linspace(0.0, float(PHASES), SAMPLES, dtype=pose.dtype))
+    return jnp.min(rooms) - jnp.minimum(config.safety.margin, rooms[0] - YIELD)

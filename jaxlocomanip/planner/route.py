@@ -56,6 +56,7 @@ def plan(
     formations: Formations,
     now: Array,
     berth: Array,
+    walks: Array,
     obstacles: ObstacleEstimate,
     body: Body,
     config: PlannerConfig,
@@ -72,6 +73,7 @@ def plan(
       formations: the other ones.
       now: [] int, formation now.
       berth: [] m, room that walks around the object keep beyond the usual.
+      walks: [] int, made so far.
       obstacles: as estimated.
       body: the object as estimated.
       config: settings.
@@ -83,18 +85,18 @@ def plan(
     there = dataclasses.replace(shapes, team=team_in(shapes.team, formations, now))
     # A path on which nothing moves is none, whatever it seems to cost: then the search decides alone.
     stuck = reference.stalls(progress, config.reference) >= reference.PATIENCE
-    query = jax.lax.stop_gradient(Query(pose, goal, now, stuck, berth))
+    query = jax.lax.stop_gradient(Query(pose, offset, goal, now, stuck, berth, walks))
     rest = guess_along(path, progress.projected, pose, offset, there, body, config), path.aim
 
     def search(arguments: tuple[Any, ...]) -> tuple[Guess, Aim]:
-        query, offset, there, shapes, formations, obstacles, body, config = arguments
+        query, there, shapes, formations, obstacles, body, config = arguments
         rough = search_poses(query, shapes, formations, obstacles, body, config)
-        return guess_from(rough.poses, offset, there, body, config), rough.aim
+        return guess_from(rough.poses, query.offset, there, body, config), rough.aim
 
     def consider(carry: tuple[Choice, Array], anew: Array) -> tuple[tuple[Choice, Array], None]:
         best, needed = carry
         guess, aim = jax.lax.cond(
-            anew, lambda: where_needed(needed, search, (query, offset, there, *given), rest, skips), lambda: rest
+            anew, lambda: where_needed(needed, search, (query, there, *given), rest, skips), lambda: rest
         )
         arguments = (guess, aim.goal, there, obstacles, body, config)
         found = where_needed(needed, lambda arguments: refine(*arguments), arguments, best.refined, skips)

@@ -25,7 +25,7 @@ from jaxlocomanip.numerics import pytree, safe_norm, select, wrap_angle
 from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planar.geometry import rotate
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.descent import STEPS, descend
+from jaxlocomanip.planner.descent import STEPS, descend, first_node
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.moves import Moves, price_moves
 from jaxlocomanip.planner.path import Aim, at_goal
@@ -34,7 +34,6 @@ from jaxlocomanip.planner.pose_grid import (
     DIRECTIONS,
     FAR,
     HEADINGS,
-    TURN,
     TURNS,
     Grid,
     clearance,
@@ -42,7 +41,17 @@ from jaxlocomanip.planner.pose_grid import (
     ends,
     lay_grid,
 )
-from jaxlocomanip.planner.regrasp import HEADING_TOLERANCE, POSITION_TOLERANCE, PRICE, ROOM, order, ring, walk_prices
+from jaxlocomanip.planner.regrasp import (
+    AGAIN,
+    HEADING_TOLERANCE,
+    POSITION_TOLERANCE,
+    PRICE,
+    ROOM,
+    may_walk,
+    order,
+    ring,
+    room_to_walk,
+)
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.sweeping import cost_to_go
 from jaxlocomanip.scenario import Formations, Goal
@@ -64,6 +73,8 @@ class Query:
 
     start: Array
     """[3] pose"""
+    offset: Array
+    """[N_r] m, contact offsets"""
     goal: Goal
     now: Array
     """[] int, formation"""
@@ -71,6 +82,13 @@ class Query:
     """[] bool: the team does not get on in its formation"""
     berth: Array
     """[] m, room that walks around the object keep beyond the usual"""
+    walks: Array
+    """[] int, made so far"""
+
+    @property
+    def price(self) -> Array:
+        """[] m of way that a walk is worth."""
+        return PRICE + AGAIN * self.walks
 
 
 @pytree
@@ -126,7 +144,7 @@ def search_poses(
     start, goal = query.start, query.goal.pose
     local = jnp.concatenate([rotate(-goal[2], start[:2] - goal[:2]), wrap_angle(start[2:] - goal[2:])])
     grid = lay_grid(local)
-    land = survey(local, grid, query, shapes, formations, obstacles, body, config)
+    land, costs = survey(local, grid, query, shapes, formations, obstacles, body, config)
     team = team_in(shapes.team, formations, query.now)
     there = dataclasses.replace(shapes, team=team)
     poses, last, cost = descend(
@@ -136,11 +154,33 @@ def search_poses(
     poses = jnp.concatenate([goal[:2] + rotate(goal[2], poses[:, :2]), heading], axis=1)
     if count(formations) == 1:
         return Found(poses, at_goal(query.goal, query.now))
-    # Where it is best to walk at once, the path stays where it is, and not on the nearest node.
-    here = _node(local, grid)
-    at_once = jnp.min(land.walks[:, *here]) <= cost
-    poses, last = jnp.where(at_once, start, poses), jnp.where(at_once, here, last)
-    return Found(poses, _aim(query, poses[-1], land.stop[*last], land.walks[:, *last], count(formations)))
+    at_once = _walks_at_once(query, costs, shapes, formations, obstacles, config)
+    stays = jnp.min(at_once) <= cost
+    walks = jnp.where(stays, at_once, land.walks[:, *last])
+    stop, poses = jnp.where(stays, FAR, land.stop[*last]), jnp.where(stays, start, poses)
+    return Found(poses, _aim(query, poses[-1], stop, walks, count(formations)))
+
+
+def _walks_at_once(
+    query: Query,
+    costs: Array,
+    shapes: Shapes,
+    formations: Formations,
+    obstacles: ObstacleEstimate,
+    config: PlannerConfig,
+) -> Array:
+    """[2] cost of walking on by a face from where the object is, forwards or backwards.
+
+    By the room that there is and what other formations can do from the very pose: from the nearest node, two of them
+    may each take the other for the better one.
+    """
+
+    def one(on: Array) -> Array:
+        to = (query.now + on) % costs.shape[0]
+        room = room_to_walk(query.start, query.offset, query.now, to, shapes, formations, obstacles, config)
+        return jnp.where(room > 0.0, query.price + costs[to], FAR)
+
+    return jax.lax.map(one, jnp.array([1, -1]))
 
 
 def _aim(query: Query, end: Array, stop: Array, walks: Array, size: int) -> Aim:
@@ -149,12 +189,6 @@ def _aim(query: Query, end: Array, stop: Array, walks: Array, size: int) -> Aim:
     tolerances = jnp.asarray(POSITION_TOLERANCE, end.dtype), jnp.asarray(HEADING_TOLERANCE, end.dtype)
     walk = Aim(Goal(end, *tolerances), (query.now + on) % size, jnp.min(walks))
     return select(jnp.min(walks) < stop, walk, at_goal(query.goal, query.now))
-
-
-def _node(local: Array, grid: Grid) -> Array:
-    """[3] heading bin and cell nearest to a pose [3]."""
-    cell = jnp.clip(jnp.rint((local[:2] - grid.origin) / grid.spacing), 0, CELLS - 1)
-    return jnp.concatenate([jnp.rint(local[2:] / TURN) % HEADINGS, cell]).astype(jnp.int32)
 
 
 def survey(
@@ -166,8 +200,10 @@ def survey(
     obstacles: ObstacleEstimate,
     body: Body,
     config: PlannerConfig,
-) -> Landscape:
-    """The grid as the present formation sees it, the others looked at where they might help.
+) -> tuple[Landscape, Array]:
+    """The grid as the present formation sees it, and the cost of the way [F + 1] in every formation.
+
+    The other formations are looked at where they might help.
 
     A walk costs its price at least: where the goal can be reached for little more than the straight line, no other
     formation need be looked at.
@@ -192,24 +228,33 @@ def survey(
             for way, on in enumerate((1, -1)):
                 to = (k + on) % size
                 reaches = team_in(shapes.team, formations, to)
-                walks = walks.at[way].set(walk_prices(room, there.team, reaches, shapes, on > 0, berth) + table[to])
+                free = may_walk(room, there.team, reaches, shapes, on > 0, berth)
+                walks = walks.at[way].set(jnp.where(free, query.price + table[to], FAR))
         value = cost_to_go(jnp.minimum(stop, jnp.min(walks, axis=0)), density, moves)
         return Landscape(density, moves, stop, walks, value)
 
-    def look(carry: tuple[Array, Landscape, Array], shift: Array) -> tuple[tuple[Array, Landscape, Array], None]:
-        table, known, wanted = carry
+    def look(carry: _Survey, shift: Array) -> tuple[_Survey, None]:
+        table, costs, known, wanted = carry
         k = (now + shift) % size
         given = (k, table, query, shapes, formations, body, config, grid, field, room, arrive)
         needed = wanted & fits[k]
         found = where_needed(needed, landscape, given, known)
         table = jnp.where(needed, table.at[k].set(found.value), table)
         known = select(shift == 0, found, known)
-        far = known.value[*_node(local, grid)] > safe_norm(local[:2]) + PRICE
-        return (table, known, far | query.stuck), None
+        there = dataclasses.replace(shapes, team=team_in(shapes.team, formations, k))
+        turn_radius = config.reference.turn_radius
+        cost = first_node(local, grid, found.value, found.density, there, body, turn_radius)[1]
+        costs = jnp.where(needed, costs.at[k].set(cost), costs)
+        far = costs[now] > safe_norm(local[:2]) + query.price
+        return (table, costs, known, far | query.stuck), None
 
     blank = jnp.full((HEADINGS, CELLS, CELLS), FAR, local.dtype)
     free = Moves(jnp.zeros((DIRECTIONS, HEADINGS, len(TURNS)), local.dtype), jnp.zeros(2, local.dtype))
     first = Landscape(blank, free, blank, jnp.stack([blank, blank]), blank)
-    begin = (jnp.stack([blank] * size), first, jnp.ones((), bool))
-    (_, land, _), _ = jax.lax.scan(look, begin, jnp.asarray(order(size)))
-    return land
+    begin = (jnp.stack([blank] * size), jnp.full(size, FAR, local.dtype), first, jnp.ones((), bool))
+    (_, costs, land, _), _ = jax.lax.scan(look, begin, jnp.asarray(order(size)))
+    return land, costs
+
+
+_Survey = tuple[Array, Array, Landscape, Array]
+"""Costs to go in all formations, costs of the way in them, what the present one sees, whether others may help."""
