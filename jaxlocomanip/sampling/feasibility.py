@@ -5,7 +5,9 @@ counted:
 
 - `capacity`: the team cannot push the object straight towards the goal with more than its sliding friction, whatever
   heading between the start's and the goal's it has. The set of directions that a team can move a sliding object in at
-  one heading is convex, so a detour does not help.
+  one heading is convex, so a detour does not help. Or it finds a way between standing obstacles only in directions in
+  which it is not strong enough (`passage`): two robots that move the object only together cannot leave an obstacle that
+  stands in their common direction.
 - `start`: an obstacle overlaps the object or a robot at t = 0, or standing ones enclose the start: the team cannot
   leave it (`enclosure`).
 - `goal`: at exactly the goal pose the object, or a robot at each of its contact offsets that are tried, overlaps a
@@ -30,14 +32,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxlocomanip.build import build_on_host, face_index, inward_normals, robot_rectangles
+from jaxlocomanip.build import build_on_host, robot_rectangles
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.footprint import padded, placed, polygon_gap
 from jaxlocomanip.obstacles import corners_at, moves, position_at
-from jaxlocomanip.planar.dynamics import GRAVITY
-from jaxlocomanip.robots.model import load_robot
 from jaxlocomanip.sampling.passage import obstruction
-from jaxlocomanip.sampling.pushing import offset_limits
+from jaxlocomanip.sampling.pushing import PUSH_RESERVE, offset_limits, pushes, sliding_friction, strength
 from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.specification import ScenarioSpec
 
@@ -45,8 +45,6 @@ Floats = NDArray[np.floating[Any]]
 
 REASONS = ("capacity", "start", "goal", "contact", "blocked", "narrow")
 """Why scenarios are rejected."""
-PUSH_RESERVE = 1.05
-"""largest push over sliding friction that a team needs at least; with exactly 1 it gets nowhere in finite time"""
 OFFSETS = (0.0, -0.25, 0.25, -0.5, 0.5, -0.75, 0.75, -1.0, 1.0)
 """contact offsets that are tried at the goal, as parts of their limits"""
 END = 2.0
@@ -55,7 +53,7 @@ END = 2.0
 
 def judged(spec: ScenarioSpec, index: int) -> Scenario | str:
     """The arrays of a scenario, or the reason why it is rejected; the cheapest checks come first."""
-    if capacity(spec) < PUSH_RESERVE * _friction(spec):
+    if capacity(spec) < PUSH_RESERVE * sliding_friction(spec):
         return "capacity"
     try:
         scenario = build_on_host(spec, index)
@@ -68,13 +66,6 @@ def judged(spec: ScenarioSpec, index: int) -> Scenario | str:
     return obstruction(spec) or scenario
 
 
-def _friction(spec: ScenarioSpec) -> float:
-    """N, true sliding friction."""
-    coefficient = spec.object.friction if spec.truth.friction is None else spec.truth.friction
-    mass = spec.object.mass if spec.truth.mass is None else spec.truth.mass
-    return (coefficient or 0.0) * mass * GRAVITY
-
-
 def capacity(spec: ScenarioSpec) -> float:
     """N, the largest push that the team can exert straight towards the goal, at the best heading on the way there."""
     way = np.array(spec.goal.pose[:2]) - np.array(spec.start[:2])
@@ -85,23 +76,7 @@ def capacity(spec: ScenarioSpec) -> float:
     headings = spec.start[2] + turn * np.linspace(0.0, 1.0, 1 + math.ceil(abs(turn) / 0.1))
     bearing = math.atan2(way[1], way[0])
     directions = np.stack([np.cos(bearing - headings), np.sin(bearing - headings)], axis=1)
-    normals = inward_normals(np.array(spec.object.footprint))[[face_index(robot.face) for robot in spec.robots]]
-    forces = np.array([load_robot(robot.type).push_force_max for robot in spec.robots])
-    return float(_reach(normals, forces, directions).max())
-
-
-def _reach(normals: Floats, forces: Floats, directions: Floats) -> Floats:
-    """[n] N, how far the sum of pushes 0 <= f_i <= F_i along normals [N_r, 2] reaches in unit directions [n, 2].
-
-    That sum is a zonotope, which its supporting half-planes m . w <= h(m) bound; those with a side along or across one
-    of the normals include all of its faces.
-    """
-    across = np.stack([-normals[:, 1], normals[:, 0]], axis=1)
-    planes = np.concatenate([normals, -normals, across, -across])
-    support = np.maximum(planes @ normals.T, 0.0) @ forces
-    rate = directions @ planes.T
-    rate, support = np.broadcast_arrays(rate, support)
-    return np.where(rate > 1e-9, support / np.where(rate > 1e-9, rate, 1.0), np.inf).min(axis=1)
+    return float(strength(*pushes(spec), directions).max())
 
 
 def _at_the_end(spec: ScenarioSpec) -> tuple[Floats, Floats]:

@@ -80,7 +80,7 @@ class Rules(NamedTuple):
 
 
 def strict_rules(pushing: Pushing, grid: Grid, reach: int) -> Rules:
-    """Steps in directions that the team can push exactly, and turns no tighter than it can.
+    """Steps in directions that the team can push exactly, and strongly enough, and turns no tighter than it can.
 
     `reach` cells, 1 or 2: steps to 8 or 16 neighbours. Where the directions at a heading may all lie between two of
     these, as of a robot alone, to 32, the nearest to the directions then being as good.
@@ -89,6 +89,9 @@ def strict_rules(pushing: Pushing, grid: Grid, reach: int) -> Rules:
     offsets = _within(reach if wide else 3)
     beyond = _beyond(pushing, grid, np.array([math.atan2(j, i) for i, j in offsets]))
     inside = beyond <= (1e-6 if wide else np.maximum(beyond.min(axis=0), 0.0) + 1e-6)
+    if wide:
+        angles = np.array([math.atan2(j, i) for i, j in offsets])
+        inside &= pushing.strong(angles[:, None] - grid.headings)
     return Rules(_steps(offsets, inside), _bins(grid, pushing.curvature, lambda bins: int(bins + 1e-6)), both=True)
 
 

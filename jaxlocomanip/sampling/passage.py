@@ -41,8 +41,8 @@ _BORDER = 0.3
 def obstruction(spec: ScenarioSpec) -> str | None:
     """Why no path of poses that the team can push leads from the start to the goal of a scenario.
 
-    `start` or `goal` where it is enclosed there, else `blocked`, or `narrow` where there may be one without room at its
-    sides; None where there is a way.
+    `capacity` where it would take stronger robots, `start` or `goal` where it is enclosed there, else `blocked`, or
+    `narrow` where there may be one without room at its sides; None where there is a way.
     """
     floor = floor_of(spec)
     if not floor.obstacles:
@@ -50,6 +50,8 @@ def obstruction(spec: ScenarioSpec) -> str | None:
     able = pushing(spec)
     if _way_around(spec, floor, able) or _way_with_room(spec, able):
         return None
+    if _way_with_room(spec, able._replace(friction=0.0)):
+        return "capacity"
     if enclosed_start(spec, floor, able):
         return "start"
     if enclosed_goal(spec, floor, able):

@@ -16,10 +16,16 @@ from numpy.typing import NDArray
 
 from jaxlocomanip.build import CONTACT_MARGIN, face_index, inward_normals
 from jaxlocomanip.footprint import footprint_moments
+from jaxlocomanip.planar.dynamics import GRAVITY
+from jaxlocomanip.robots.model import load_robot
 from jaxlocomanip.sampling.layout import push_cone
 from jaxlocomanip.specification import ScenarioSpec
 
 Floats = NDArray[np.floating[Any]]
+
+
+PUSH_RESERVE = 1.05
+"""largest push over sliding friction that a team needs at least; with exactly 1 it gets nowhere in finite time"""
 
 
 class Pushing(NamedTuple):
@@ -36,6 +42,18 @@ class Pushing(NamedTuple):
     for a team that turns it on the spot"""
     bound: float
     """rad/m, more than which it turns in none of them, not even while it gathers speed or slides to a stop"""
+    normals: Floats
+    """[N_r, 2] unit push directions in the object's frame"""
+    forces: Floats
+    """[N_r] N, largest pushes"""
+    friction: float
+    """N, sliding friction that they have to overcome"""
+
+    def strong(self, angles: Floats) -> NDArray[np.bool_]:
+        """[...] whether the team can slide the object in directions at these angles to it, if it can push that way."""
+        directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        reached = strength(self.normals, self.forces, directions.reshape(-1, 2)).reshape(angles.shape)
+        return reached >= PUSH_RESERVE * self.friction - 1e-9
 
 
 def pushing(spec: ScenarioSpec) -> Pushing:
@@ -54,7 +72,37 @@ def pushing(spec: ScenarioSpec) -> Pushing:
         sure = min(_sure_arm(normals, levers) for levers in sides)
         most = max(_arm(normals, levers) for levers in sides)
     square = footprint_moments(polygon).mean_radius ** 2
-    return Pushing(com, low + 0.5 * width, 0.5 * width, sure / square, most / square * _inertia_factor(spec, com))
+    bound = most / square * _inertia_factor(spec, com)
+    friction = sliding_friction(spec)
+    return Pushing(com, low + 0.5 * width, 0.5 * width, sure / square, bound, *pushes(spec), friction)
+
+
+def pushes(spec: ScenarioSpec) -> tuple[Floats, Floats]:
+    """Push directions [N_r, 2] in the object's frame and largest pushes [N_r] N of a team."""
+    faces = [face_index(robot.face) for robot in spec.robots]
+    forces = np.array([load_robot(robot.type).push_force_max for robot in spec.robots])
+    return inward_normals(np.array(spec.object.footprint))[faces], forces
+
+
+def sliding_friction(spec: ScenarioSpec) -> float:
+    """N, true sliding friction."""
+    coefficient = spec.object.friction if spec.truth.friction is None else spec.truth.friction
+    mass = spec.object.mass if spec.truth.mass is None else spec.truth.mass
+    return (coefficient or 0.0) * mass * GRAVITY
+
+
+def strength(normals: Floats, forces: Floats, directions: Floats) -> Floats:
+    """[n] N, how far the sum of pushes 0 <= f_i <= F_i along normals [N_r, 2] reaches in unit directions [n, 2].
+
+    That sum is a zonotope, which its supporting half-planes m . w <= h(m) bound; those with a side along or across one
+    of the normals include all of its faces.
+    """
+    across = np.stack([-normals[:, 1], normals[:, 0]], axis=1)
+    planes = np.concatenate([normals, -normals, across, -across])
+    support = np.maximum(planes @ normals.T, 0.0) @ forces
+    rate = directions @ planes.T
+    rate, support = np.broadcast_arrays(rate, support)
+    return np.where(rate > 1e-9, support / np.where(rate > 1e-9, rate, 1.0), np.inf).min(axis=1)
 
 
 def offset_limits(spec: ScenarioSpec) -> Floats:

@@ -146,7 +146,10 @@ def padding(study: Study) -> Padding:
     obstacles = (int(_largest(a)) + max(map(len, _values(b))) for a, b in zip(drawn, fixed, strict=True))
     sizes = {size for one in _each(study, "object.size") for size in _values(one)}
     discs = max(len(covering_discs(np.array(box(size, "object.size")))[1]) for size in sizes)
-    return Padding(obstacles=max(1, *obstacles), corners=4, marks=1, vertices=4, discs=discs)
+    changes = any(value for one in _each(study, "team.change_faces") for value in _values(one))
+    return Padding(
+        obstacles=max(1, *obstacles), corners=4, marks=1, vertices=4, discs=discs, formations=3 if changes else 0
+    )
 
 
 def _each(study: Study, name: str) -> list[Distribution]:
