@@ -12,9 +12,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import pytree, safe_norm, wrap_angle
+from jaxlocomanip.numerics import pytree, safe_norm, select, wrap_angle
 from jaxlocomanip.planar.geometry import transform
-from jaxlocomanip.scenario import Formations, Team
+from jaxlocomanip.scenario import Formations, Scenario, Team
 
 PHASES = 3
 """stepping back, circling, stepping up"""
@@ -94,16 +94,21 @@ def circle(vertices: Array, team: Team) -> tuple[Array, Array]:
     return centre, corners + BACK + team.reach
 
 
-def walk_around(vertices: Array, leaves: Team, offset: Array, reaches: Team, forwards: Array) -> Walk:
-    """The walk from one formation to another.
+def walk_around(
+    vertices: Array, leaves: Team, offset: Array, reaches: Team, now: Array, wanted: Array, size: int
+) -> Walk:
+    """The walk from one formation to another, the shorter way around.
 
     Args:
       vertices: [V, 2] m, the object's footprint.
       leaves: the team as it stands.
       offset: [N_r] m, its contact offsets.
       reaches: the team as it shall stand, at its first contact offsets.
-      forwards: [] bool, counter-clockwise.
+      now: [] int, formation in which it stands.
+      wanted: [] int, formation that it shall take.
+      size: number of formations.
     """
+    forwards = (wanted - now) % size <= size // 2
     centre, radius = circle(vertices, leaves)
     still = jnp.zeros(3, offset.dtype)
     begin, end = leaves.robot_poses(still, offset), reaches.robot_poses(still, reaches.offset)
@@ -114,3 +119,43 @@ def walk_around(vertices: Array, leaves: Team, offset: Array, reaches: Team, for
     up = jnp.max(jnp.abs(radius - safe_norm(end[:, :2] - centre)))
     durations = jnp.stack([out / STEP_SPEED, jnp.max(jnp.abs(turn)) / circling, up / STEP_SPEED])
     return Walk(centre, radius, begin, end, first, turn, durations + 0.1)
+
+
+@pytree
+class Standing:
+    """Which formation a team in a world has, or walks to."""
+
+    formation: Array
+    """[] int, taken or walked to"""
+    left: Array
+    """[] int, in which the last walk began"""
+    leaving: Array
+    """[N_r] m, contact offsets at which it began"""
+    phase: Array
+    """[] of the walk; `PHASES`: everybody has arrived"""
+
+    @property
+    def arrived(self) -> Array:
+        """[] bool: nobody walks."""
+        return self.phase >= PHASES
+
+    def walk(self, scenario: Scenario) -> Walk:
+        """The last walk."""
+        leaves, reaches = (team_in(scenario.team, scenario.formations, k) for k in (self.left, self.formation))
+        size = count(scenario.formations)
+        return walk_around(scenario.object.vertices, leaves, self.leaving, reaches, self.left, self.formation, size)
+
+    def asked(self, wanted: Array | int, offset: Array) -> tuple[Standing, Array]:
+        """The team asked to take a formation, from contact offsets [N_r]; and whether it begins to walk, [] bool.
+
+        A team that walks already does not listen.
+        """
+        wanted = jnp.asarray(wanted, jnp.int32)
+        begins = self.arrived & (wanted != self.formation)
+        return select(begins, Standing(wanted, self.formation, offset, jnp.zeros_like(self.phase)), self), begins
+
+
+def standing(team: Team) -> Standing:
+    """A team at its first faces."""
+    first = jnp.zeros((), jnp.int32)
+    return Standing(first, first, team.offset, jnp.full((), float(PHASES), team.offset.dtype))

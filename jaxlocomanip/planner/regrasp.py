@@ -17,7 +17,7 @@ from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.pose_grid import FAR, HEADINGS, TURN, Grid, shifted
 from jaxlocomanip.planner.shapes import ROBOT_DISCS, Shapes, rectangle_discs
-from jaxlocomanip.scenario import Formations, Team
+from jaxlocomanip.scenario import Formations
 
 PRICE, AGAIN = 3.0, 1.0
 """m of way that a walk around the object is worth, since it takes about as long, and how much more with every one that
@@ -53,19 +53,21 @@ def ring(field: Array, grid: Grid, shapes: Shapes) -> Array:
     return jax.lax.map(at, TURN * jnp.arange(HEADINGS, dtype=field.dtype))
 
 
-def may_walk(room: Array, leaves: Team, reaches: Team, shapes: Shapes, forwards: bool, berth: Array) -> Array:
+def may_walk(room: Array, now: Array, wanted: Array, shapes: Shapes, formations: Formations, berth: Array) -> Array:
     """[HEADINGS, CELLS, CELLS] bool, at which poses there is room for a walk.
 
     Args:
       room: result of `ring`.
-      leaves: the team as it stands.
-      reaches: and as it shall stand.
-      shapes: geometry.
-      forwards: counter-clockwise.
+      now: [] int, formation that the team has there.
+      wanted: [] int, and the one that it shall take.
+      shapes: geometry, and the team in its first formation.
+      formations: the other ones.
       berth: [] m, room to keep.
     """
+    size = count(formations)
+    leaves, reaches = (team_in(shapes.team, formations, k) for k in (now, wanted))
     middle = jnp.zeros_like(leaves.offset)
-    walk = walk_around(shapes.object_vertices, leaves, middle, reaches, jnp.asarray(forwards))
+    walk = walk_around(shapes.object_vertices, leaves, middle, reaches, now, wanted, size)
     first, last = jnp.minimum(walk.angle, walk.angle + walk.turn), jnp.maximum(walk.angle, walk.angle + walk.turn)
     bins = TURN * jnp.arange(HEADINGS, dtype=room.dtype)
     # A bin is swept if it lies, give or take half a bin, between a robot's first and last angle.
@@ -115,8 +117,7 @@ def room_to_walk(
     """
     size = count(formations)
     leaves, reaches = (team_in(shapes.team, formations, k) for k in (now, wanted))
-    forwards = (wanted - now) % size <= size // 2
-    walk = walk_around(shapes.object_vertices, leaves, offset, reaches, forwards)
+    walk = walk_around(shapes.object_vertices, leaves, offset, reaches, now, wanted, size)
 
     def at(phase: Array) -> Array:
         bodies = jax.vmap(rectangle)(walk.poses_in_world(pose, phase), leaves.half_length, leaves.half_width)

@@ -227,8 +227,7 @@ def survey(
             berth = config.safety.margin + ROOM + query.berth
             for way, on in enumerate((1, -1)):
                 to = (k + on) % size
-                reaches = team_in(shapes.team, formations, to)
-                free = may_walk(room, there.team, reaches, shapes, on > 0, berth)
+                free = may_walk(room, k, to, shapes, formations, berth)
                 walks = walks.at[way].set(jnp.where(free, query.price + table[to], FAR))
         value = cost_to_go(jnp.minimum(stop, jnp.min(walks, axis=0)), density, moves)
         return Landscape(density, moves, stop, walks, value)

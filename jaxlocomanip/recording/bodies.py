@@ -121,7 +121,7 @@ def send_contact_forces(recording: RecordingStream, episode: History, scale: flo
     import rerun as rr
 
     scenario, log = episode
-    directions = lifted(push_directions(scenario, log.view.pose), 0.0)
+    directions = lifted(push_directions(scenario, log.view), 0.0)
     left = np.stack([-directions[..., 1], directions[..., 0], directions[..., 2]], axis=-1)
     points = log.view.bodies.contact_point.astype(float)
     points[..., 2] = np.maximum(points[..., 2], float(scenario.object.height)) + ABOVE

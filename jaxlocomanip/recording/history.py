@@ -62,16 +62,23 @@ def rectangle(half_length: float, half_width: float) -> Floats:
     return np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array([half_length, half_width])
 
 
-def contact_points(scenario: Any, pose: Floats, offset: Floats) -> Floats:
-    """[T, N_r, 2] m, contact points in the world at object poses [T, 3] and offsets [T, N_r]."""
-    tangent = np.asarray(scenario.team.tangent)
-    return to_world(pose, scenario.team.origin + offset[..., None] * tangent)
+def contact_points(scenario: Any, view: Any) -> Floats:
+    """[T, N_r, 2] m, contact points in the world, in whatever formation the team is."""
+    origin = _by_formation(view, scenario.team.origin, scenario.formations.team.origin)
+    normal = _by_formation(view, scenario.team.normal, scenario.formations.team.normal)
+    tangent = np.stack([-normal[..., 1], normal[..., 0]], axis=-1)
+    return to_world(view.pose, origin + view.offset[..., None] * tangent)
 
 
-def push_directions(scenario: Any, pose: Floats) -> Floats:
-    """[T, N_r, 2] unit push directions in the world at object poses [T, 3]."""
-    turn = np.concatenate([np.zeros((len(pose), 2)), pose[:, 2:]], axis=1)
-    return to_world(turn, scenario.team.normal)
+def push_directions(scenario: Any, view: Any) -> Floats:
+    """[T, N_r, 2] unit push directions in the world."""
+    turn = np.concatenate([np.zeros((len(view.pose), 2)), view.pose[:, 2:]], axis=1)
+    return to_world(turn, _by_formation(view, scenario.team.normal, scenario.formations.team.normal))
+
+
+def _by_formation(view: Any, first: Floats, others: Floats) -> Floats:
+    """[T, N_r, 2] what the team has in its formation at each instant."""
+    return np.concatenate([np.asarray(first)[None], np.asarray(others)])[view.formation]
 
 
 def finite_clearance(distance: Floats) -> Floats:

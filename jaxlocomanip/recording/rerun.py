@@ -198,8 +198,8 @@ def _send_forces(recording: RecordingStream, episode: History) -> None:
         bodies.send_foot_forces(recording, episode)
         return
     height = float(scenario.object.height) + 0.05
-    points = lifted(contact_points(scenario, log.view.pose, log.view.offset), height)
-    directions = lifted(push_directions(scenario, log.view.pose), 0.0)
+    points = lifted(contact_points(scenario, log.view), height)
+    directions = lifted(push_directions(scenario, log.view), 0.0)
     vectors = FORCE_SCALE * log.view.force[..., None] * directions
     for i, name in enumerate(robot_names(scenario)):
         path = f"world/forces/{name}"

@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxlocomanip.formation import PHASES, Walk, count, team_in, walk_around
-from jaxlocomanip.numerics import Floats, pytree, select, static
+from jaxlocomanip.formation import Standing, count, standing, team_in
+from jaxlocomanip.numerics import Floats, pytree, static
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.geometry import perpendicular, rotate
 from jaxlocomanip.scenario import Scenario, Team
@@ -36,14 +36,7 @@ class PlanarState:
     """[N_r] m"""
     force: Array
     """[N_r] N"""
-    formation: Array
-    """[] int, taken or walked to"""
-    left: Array
-    """[] int, formation that the last walk began in"""
-    leaving: Array
-    """[N_r] m, contact offsets at which it began"""
-    phase: Array
-    """[] of the walk; `formation.PHASES`: everybody is at the faces"""
+    standing: Standing
 
 
 @pytree
@@ -68,16 +61,15 @@ class PlanarWorld:
     def start(self, scenario: Scenario) -> PlanarState:
         """At rest in the start pose, in contact, not pushing."""
         still = jnp.zeros_like(scenario.start)
-        first, offset = jnp.zeros((), jnp.int32), scenario.team.offset
-        arrived = jnp.full((), float(PHASES), still.dtype)
-        return PlanarState(scenario.start, still, offset, jnp.zeros_like(offset), first, first, offset, arrived)
+        offset = scenario.team.offset
+        return PlanarState(scenario.start, still, offset, jnp.zeros_like(offset), standing(scenario.team))
 
     def step(self, state: PlanarState, scenario: Scenario, push: Push, time: Floats, tick: float) -> PlanarState:
         """One tick of physics."""
         del time
         h = tick / self.substeps
         state = _walked(state, scenario, push, tick)
-        team = team_in(scenario.team, scenario.formations, state.formation)
+        team = team_in(scenario.team, scenario.formations, state.standing.formation)
 
         def body(carry: PlanarState, _: None) -> tuple[PlanarState, None]:
             return self.substep(carry, scenario, team, push, h), None
@@ -91,7 +83,7 @@ class PlanarWorld:
         ahead = jnp.sum(velocity_B * team.normal, axis=-1)
         aside = jnp.sum(velocity_B * team.tangent, axis=-1)
         wanted = jnp.clip(push.force, 0.0, team.force_max)
-        at_faces = state.phase >= PHASES
+        at_faces = state.standing.arrived
         force = jnp.where(at_faces, wanted + (state.force - wanted) * jnp.exp(-h / self.force_lag), 0.0)
         acting = force * jnp.clip((team.push_speed_max - ahead) / self.fade, 0.0, 1.0)
         wrench_B = dynamics.body_wrench(points, team.normal, acting)
@@ -103,39 +95,23 @@ class PlanarWorld:
 
     def view(self, state: PlanarState, scenario: Scenario) -> View:
         """The true state."""
-        robots = team_in(scenario.team, scenario.formations, state.formation).robot_poses(state.pose, state.offset)
-        at_faces = state.phase >= PHASES
+        now, at_faces = state.standing, state.standing.arrived
+        robots = team_in(scenario.team, scenario.formations, now.formation).robot_poses(state.pose, state.offset)
         if count(scenario.formations) > 1:
-            walking = _walk(state, scenario).poses_in_world(state.pose, state.phase)
+            walking = now.walk(scenario).poses_in_world(state.pose, now.phase)
             robots = jnp.where(at_faces, robots, walking)
         touching = jnp.broadcast_to(at_faces, state.offset.shape)
         nobody = jnp.zeros_like(touching)
-        return View(state.pose, state.twist, state.offset, state.force, robots, touching, nobody, state.formation, None)
-
-
-def _walk(state: PlanarState, scenario: Scenario) -> Walk:
-    """The last walk of the team."""
-    leaves, reaches = (team_in(scenario.team, scenario.formations, k) for k in (state.left, state.formation))
-    size = count(scenario.formations)
-    forwards = (state.formation - state.left) % size <= size // 2
-    return walk_around(scenario.object.vertices, leaves, state.leaving, reaches, forwards)
+        return View(
+            state.pose, state.twist, state.offset, state.force, robots, touching, nobody, now.formation, bodies=None
+        )
 
 
 def _walked(state: PlanarState, scenario: Scenario, push: Push, tick: float) -> PlanarState:
     """The state after one tick of walking; a team that is at its faces may begin."""
     if count(scenario.formations) == 1:
         return state
-    wanted = jnp.asarray(push.formation, jnp.int32)
-    begins = (state.phase >= PHASES) & (wanted != state.formation)
-    new = team_in(scenario.team, scenario.formations, wanted)
-    begun = dataclasses.replace(
-        state,
-        offset=new.offset,
-        force=jnp.zeros_like(state.force),
-        formation=wanted,
-        left=state.formation,
-        leaving=state.offset,
-        phase=jnp.zeros_like(state.phase),
-    )
-    state = select(begins, begun, state)
-    return dataclasses.replace(state, phase=_walk(state, scenario).advance(state.phase, tick))
+    new, begins = state.standing.asked(push.formation, state.offset)
+    offset = jnp.where(begins, team_in(scenario.team, scenario.formations, new.formation).offset, state.offset)
+    new = dataclasses.replace(new, phase=new.walk(scenario).advance(new.phase, tick))
+    return dataclasses.replace(state, offset=offset, force=jnp.where(begins, 0.0, state.force), standing=new)

@@ -47,9 +47,9 @@ class CWorld:
         for k in range(updates):
             now = np.float32((first + k) * period)
             solve = np.bool_((first + k) % every == 0)
-            reached, controllers, joints = _drive(state, scenario, self.robots, push, now, solve, period)
+            reached, places, controllers, joints = _drive(state, scenario, self.robots, push, now, solve, period)
             physics = self.physics.advance(state.physics, joints, hold)
-            state = QuadrupedState(physics, self.physics.observe(physics), reached, controllers)
+            state = QuadrupedState(physics, self.physics.observe(physics), reached, controllers, places)
         return state
 
     def view(self, state: QuadrupedState, scenario: Scenario) -> View:

@@ -57,9 +57,11 @@ class MjxWorld:
 
         def update(now: QuadrupedState, k: Array) -> tuple[QuadrupedState, None]:
             solve = (first + k) % every == 0
-            reached, controllers, joints = drive(now, scenario, self._robots, push, time + k * period, solve, period)
+            reached, places, controllers, joints = drive(
+                now, scenario, self._robots, push, time + k * period, solve, period
+            )
             physics = self.physics.advance(now.physics, joints, hold)
-            return QuadrupedState(physics, self.physics.observe(physics), reached, controllers), None
+            return QuadrupedState(physics, self.physics.observe(physics), reached, controllers, places), None
 
         return jax.lax.scan(update, state, jnp.arange(updates))[0]
 

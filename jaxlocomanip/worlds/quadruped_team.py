@@ -15,15 +15,17 @@ import numpy as np
 from jax import Array
 
 from jaxlocomanip.checked import InputError
+from jaxlocomanip.formation import PHASES, Standing, count, standing, team_in
 from jaxlocomanip.locomotion import controller
 from jaxlocomanip.locomotion.algebra import yaw_of
 from jaxlocomanip.locomotion.controller import ControllerState
 from jaxlocomanip.locomotion.robot import JointCommand, LeggedRobot
 from jaxlocomanip.locomotion.settings import LocomotionSettings, derived_settings, settings_for
-from jaxlocomanip.numerics import pytree
+from jaxlocomanip.numerics import pytree, select
 from jaxlocomanip.robots.model import ROBOT_TYPES
-from jaxlocomanip.scenario import Scenario
-from jaxlocomanip.worlds import contact
+from jaxlocomanip.scenario import Scenario, Team
+from jaxlocomanip.worlds import circling, contact
+from jaxlocomanip.worlds.circling import CIRCLED
 from jaxlocomanip.worlds.contact import ContactSettings, ContactState
 from jaxlocomanip.worlds.interface import Bodies, Push, View
 from jaxlocomanip.worlds.legged import read_robot
@@ -61,38 +63,63 @@ class QuadrupedState:
     contact: ContactState
     controllers: ControllerState
     """[N_r, ...]"""
+    standing: Standing
 
 
 def begin(physics: PhysicsState, seen: Observation, scenario: Scenario, robots: Robots) -> QuadrupedState:
     """Standing before the faces."""
     faces = contact.look(seen.pose, seen.robots, robots.legged, scenario.team)
     controllers = jax.vmap(controller.start)(robots.legged, robots.settings, seen.robots)
-    return QuadrupedState(physics, seen, contact.start(scenario.team, faces), controllers)
+    return QuadrupedState(physics, seen, contact.start(scenario.team, faces), controllers, standing(scenario.team))
 
 
 def drive(
     state: QuadrupedState, scenario: Scenario, robots: Robots, push: Push, time: Array, solve: Array, period: float
-) -> tuple[ContactState, ControllerState, JointCommand]:
+) -> tuple[ContactState, Standing, ControllerState, JointCommand]:
     """The joints' commands [N_r, 4, 3] for one period, s; `solve` says whether forces are planned anew."""
-    seen = state.seen
-    faces = contact.look(seen.pose, seen.robots, robots.legged, scenario.team)
-    touching, settings = seen.touching, robots.contact
+    seen, settings = state.seen, robots.contact
+    now, begins = state.standing.asked(push.formation, state.contact.offset)
+    team = team_in(scenario.team, scenario.formations, now.formation)
+    faces = contact.look(seen.pose, seen.robots, robots.legged, team)
     reached, motion = contact.command(
-        state.contact, seen.pose, seen.twist, touching, faces, scenario.team, push, settings, period
+        state.contact, seen.pose, seen.twist, seen.touching, faces, team, push, settings, period
     )
+    if count(scenario.formations) > 1:
+        # While it walks the team is as before any contact with its new faces, where it shall hold its first offsets.
+        fresh = dataclasses.replace(contact.start(team, faces), offset=team.offset)
+        walking = begins | (now.phase < CIRCLED)
+        phase, around = circling.motions(
+            now.walk(scenario), now.phase, seen.pose, _trunks(seen), _ahead(robots, team), faces.point, period
+        )
+        reached, motion = select(walking, (fresh, around), (reached, motion))
+        # Stepping up to the face is the contact's own approach.
+        phase = jnp.where(walking, phase, jnp.where(jnp.all(reached.touched), float(PHASES), now.phase))
+        now = dataclasses.replace(now, phase=phase)
     control = jax.vmap(controller.control, in_axes=(0, 0, 0, 0, 0, None, None))
     controllers, joints = control(state.controllers, robots.legged, robots.settings, seen.robots, motion, time, solve)
-    return reached, controllers, joints
+    return reached, now, controllers, joints
+
+
+def _trunks(seen: Observation) -> Array:
+    """[N_r, 3] poses of the trunks on the floor: origin, m, and heading, rad."""
+    yaw = jax.vmap(yaw_of)(seen.robots.rotation)
+    return jnp.concatenate([seen.robots.position[:, :2], yaw[:, None]], axis=1)
+
+
+def _ahead(robots: Robots, team: Team) -> Array:
+    """[N_r] m, from a trunk's origin to the middle of the robot's body rectangle."""
+    return robots.legged.pusher[:, 0] + robots.legged.pusher_radius - team.reach
 
 
 def view_of(state: QuadrupedState, scenario: Scenario, robots: Robots) -> View:
     """What outcome, planner and recording see."""
-    seen, team, legged = state.seen, scenario.team, robots.legged
+    seen, legged = state.seen, robots.legged
+    team = team_in(scenario.team, scenario.formations, state.standing.formation)
     faces = contact.look(seen.pose, seen.robots, legged, team)
-    yaw = jax.vmap(yaw_of)(seen.robots.rotation)
-    ahead = legged.pusher[:, 0] + legged.pusher_radius - team.reach
-    direction = jnp.stack([jnp.cos(yaw), jnp.sin(yaw)], axis=-1)
-    rectangles = jnp.concatenate([seen.robots.position[:, :2] + ahead[:, None] * direction, yaw[:, None]], axis=1)
+    trunks = _trunks(seen)
+    direction = jnp.stack([jnp.cos(trunks[:, 2]), jnp.sin(trunks[:, 2])], axis=-1)
+    middles = trunks[:, :2] + _ahead(robots, team)[:, None] * direction
+    rectangles = jnp.concatenate([middles, trunks[:, 2:]], axis=1)
     low = seen.robots.position[:, 2] < FALLEN_HEIGHT * legged.stand_height
     return View(
         pose=seen.pose,
@@ -100,9 +127,9 @@ def view_of(state: QuadrupedState, scenario: Scenario, robots: Robots) -> View:
         offset=state.contact.offset,
         force=seen.push_force,
         robots=rectangles,
-        contact=contact.at_face(state.contact, faces, robots.contact),
+        contact=contact.at_face(state.contact, faces, robots.contact) & state.standing.arrived,
         fallen=low | (seen.robots.rotation[:, 2, 2] < math.cos(FALLEN_TILT)),
-        formation=jnp.zeros((), jnp.int32),
+        formation=state.standing.formation,
         bodies=Bodies(seen.body_position, seen.body_quaternion, seen.foot_force, faces.point),
     )
 
