@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxlocomanip.numerics import pytree, safe_norm, select, wrap_angle
-from jaxlocomanip.planar.geometry import transform
+from jaxlocomanip.planar.geometry import cross, transform
 from jaxlocomanip.scenario import Formations, Scenario, Team
 
 PHASES = 3
@@ -22,6 +22,8 @@ BACK = 0.05
 """m, between the object's corners and the pushers of circling robots"""
 STEP_SPEED = 0.3
 """m/s, to and from a face"""
+SETTLING = 0.1
+"""s, that each phase takes on top"""
 CIRCLING = 0.8
 """of a robot's sideways walking speed, at which it circles"""
 
@@ -49,15 +51,17 @@ class Walk:
         """[N_r, 3] poses in the object's frame at a phase [] in [0, PHASES]."""
         out, around, up = (jnp.clip(phase - k, 0.0, 1.0) for k in range(PHASES))
         angle = self.angle + around * self.turn
-        outwards = jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1)
-        place = self.centre + self.radius[:, None] * outwards
-        circling = jnp.concatenate([place, angle[:, None] + jnp.pi], axis=1)
-        stands = jnp.where(around > 0.0, self.reaches, self.leaves)
+        place = self.centre + self.radius[:, None] * jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1)
+        # Steps to and from a face are straight; a robot beside its middle turns towards the centre while it circles.
+        aside = [wrap_angle(pose[:, 2] - turned - jnp.pi) for pose, turned in self._ends()]
+        heading = angle + jnp.pi + (1.0 - around) * aside[0] + around * aside[1]
+        stands = jnp.where(around > 0.0, self.reaches[:, :2], self.leaves[:, :2])
         share = jnp.where(around > 0.0, up, 1.0 - out)
-        # While it circles, share is zero but for the ends of that phase, where both poses agree on the way to take.
-        off = stands - circling
-        off = jnp.concatenate([off[:, :2], wrap_angle(off[:, 2:])], axis=1)
-        return circling + share * off
+        return jnp.concatenate([place + share * (stands - place), heading[:, None]], axis=1)
+
+    def _ends(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Pose at the face and polar angle on the circle, at both ends."""
+        return (self.leaves, self.angle), (self.reaches, self.angle + self.turn)
 
     def poses_in_world(self, pose: Array, phase: Array) -> Array:
         """[N_r, 3] poses in the world around an object that stands at `pose` [3]."""
@@ -112,13 +116,22 @@ def walk_around(
     centre, radius = circle(vertices, leaves)
     still = jnp.zeros(3, offset.dtype)
     begin, end = leaves.robot_poses(still, offset), reaches.robot_poses(still, reaches.offset)
-    first, last = (jnp.arctan2(*(pose[:, 1::-1] - centre[::-1]).T) for pose in (begin, end))
+    first, out = _straight_back(begin, leaves.normal, centre, radius)
+    last, up = _straight_back(end, reaches.normal, centre, radius)
     turn = jnp.where(forwards, (last - first) % (2.0 * jnp.pi), -((first - last) % (2.0 * jnp.pi)))
     circling = CIRCLING * jnp.min(leaves.slide_speed_max / radius)
-    out = jnp.max(jnp.abs(radius - safe_norm(begin[:, :2] - centre)))
-    up = jnp.max(jnp.abs(radius - safe_norm(end[:, :2] - centre)))
-    durations = jnp.stack([out / STEP_SPEED, jnp.max(jnp.abs(turn)) / circling, up / STEP_SPEED])
-    return Walk(centre, radius, begin, end, first, turn, durations + 0.1)
+    steps = jnp.stack([jnp.max(jnp.abs(way)) / STEP_SPEED for way in (out, up)])
+    around = jnp.max(jnp.abs(turn)) / circling
+    return Walk(centre, radius, begin, end, first, turn, jnp.stack([steps[0], around, steps[1]]) + SETTLING)
+
+
+def _straight_back(poses: Array, normal: Array, centre: Array, radius: Array) -> tuple[Array, Array]:
+    """Polar angles [N_r] at which robots that step straight back reach the circle, and how far that is [N_r] m."""
+    off = poses[:, :2] - centre
+    ahead, aside = jnp.sum(off * normal, axis=1), cross(normal, off)
+    way = ahead + jnp.sqrt(jnp.maximum(radius**2 - aside**2, 0.0))
+    there = off - way[:, None] * normal
+    return jnp.arctan2(there[:, 1], there[:, 0]), way
 
 
 @pytree
