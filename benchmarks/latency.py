@@ -16,7 +16,6 @@ from jaxlocomanip.numerics import pytree
 from jaxlocomanip.planner import decision, nmpc, problem, reference, safety
 from jaxlocomanip.planner.nmpc import Command, Measurement, PlannerState, Task
 from jaxlocomanip.planner.problem import PushProblem
-from jaxlocomanip.planner.shapes import shapes_of
 from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.solver import riccati, sqp
@@ -109,7 +108,7 @@ def _independent(s: Instant) -> dict[str, tuple[Any, ...]]:
 def instant(config: PlannerConfig, tick: Callable[..., Any]) -> Instant:
     """The scenario `adaptive` after `LEAD_IN` ticks of closed loop."""
     scenario = build_scenario(find_scenario("adaptive"))
-    task = Task(shapes_of(scenario), scenario.object, scenario.goal)
+    task = task_of(scenario)
     world = WORLD.start(scenario)
     measured = _measurement(world, scenario, 0)
     state = nmpc.replan(nmpc.start(task, measured, config), task, config)
@@ -147,7 +146,7 @@ def _asked(command: Command) -> Push:
 
 def _measurement(world: PlanarState, scenario: Scenario, time: float | Array) -> Measurement:
     view = WORLD.view(world, scenario)
-    return Measurement(view.pose, view.offset, scenario.obstacles.at(jnp.asarray(time)), view.contact)
+    return Measurement(view.pose, view.offset, scenario.obstacles.at(jnp.asarray(time)), view.contact, view.formation)
 
 
 def _targets(state: PlannerState, config: PlannerConfig) -> reference.Targets:

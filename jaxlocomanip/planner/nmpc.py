@@ -176,7 +176,7 @@ def _search(state: PlannerState, task: Task, config: PlannerConfig) -> tuple[Pat
     shapes, found, aim = _in_formation(task, state.formation), chosen.refined, chosen.aim
     line = path.straight_poses(state.origin, task.goal.pose, found.poses.shape[0])
     planned = config.reference.plan_path > 0.5
-    paced = path.pace(jnp.where(planned, found.poses, line), shapes, body, turn_radius, aim, found.cost)
+    paced = path.pace(jnp.where(planned, found.poses, line), shapes, body, turn_radius, found.cost, aim)
     paced = select(planned, path.with_pushes(paced, found.force, found.offset, found.room, shapes.team), paced)
     renewed = reference.restart(state.progress, paced, config.reference)
     return paced, select(planned, renewed, state.progress)

@@ -114,8 +114,18 @@ def unsearched(pose: Array, robots: int, aim: Aim) -> Path:
     )
 
 
-def pace(poses: Array, shapes: Shapes, body: Body, turn_radius: Floats, aim: Aim, cost: Floats = UNPLANNED) -> Path:
-    """Path through poses [n, 3], smoothed with its ends kept and evenly spaced, with its steady pushes."""
+def pace(
+    poses: Array,
+    shapes: Shapes,
+    body: Body,
+    turn_radius: Floats,
+    cost: Floats = UNPLANNED,
+    aim: Aim | None = None,
+) -> Path:
+    """Path through poses [n, 3], smoothed with its ends kept and evenly spaced, with its steady pushes.
+
+    It leads to its last pose, give or take 1 m and 1 rad, unless an aim is given.
+    """
     even = resample(resample(poses, turn_radius)[0], turn_radius)[0]
     window = jnp.hanning(2 * _WINDOW + 3)[1:-1].astype(poses.dtype)
     head = 2.0 * even[:1] - even[_WINDOW:0:-1]
@@ -125,6 +135,8 @@ def pace(poses: Array, shapes: Shapes, body: Body, turn_radius: Floats, aim: Aim
     final, arc = resample(smooth, turn_radius)
     force, offset = steady_pushes(final, shapes, body)
     walk = sideways(final, arc, offset, jnp.zeros_like(offset), shapes.team)
+    one = jnp.ones((), arc.dtype)
+    aim = at_goal(Goal(final[-1], one, one), jnp.zeros((), jnp.int32)) if aim is None else aim
     return Path(final, arc, force, offset, walk, jnp.asarray(cost, arc.dtype), aim)
 
 

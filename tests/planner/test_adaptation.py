@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxlocomanip.loop import task_of
 from jaxlocomanip.planar import dynamics, regressor
 from jaxlocomanip.planar.dynamics import GRAVITY
 from jaxlocomanip.planner import adaptation, nmpc
 from jaxlocomanip.planner.adaptation import ParameterEstimate
 from jaxlocomanip.planner.config import Adaptation, PlannerConfig
-from jaxlocomanip.planner.nmpc import Measurement, Task
-from jaxlocomanip.planner.shapes import shapes_of
+from jaxlocomanip.planner.nmpc import Measurement
 from jaxlocomanip.worlds.interface import Push
 from jaxlocomanip.worlds.planar import PlanarWorld
 
@@ -133,10 +133,12 @@ def test_friction_converges_on_a_pushed_object(make_scenario):
     config, world = PlannerConfig(), PlanarWorld()
     truth = {"friction": 0.55}
     scenario = make_scenario(truth=truth, robots=[{"type": "aliengo", "face": "-x"}])
-    task = Task(shapes_of(scenario), scenario.object, scenario.goal)
+    task = task_of(scenario)
 
     def measure(state):
-        return Measurement(state.pose, state.offset, scenario.obstacles.position, jnp.ones(1, bool))
+        return Measurement(
+            state.pose, state.offset, scenario.obstacles.position, jnp.ones(1, bool), jnp.zeros((), jnp.int32)
+        )
 
     def tick(carry, k):
         state, planner = carry

@@ -14,7 +14,7 @@ from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.shapes import shapes_of
 from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.worlds.interface import Push
-from jaxlocomanip.worlds.planar import PlanarState, PlanarWorld
+from jaxlocomanip.worlds.planar import PlanarWorld
 
 
 def pushing(force, rate):
@@ -52,8 +52,9 @@ def filtered(scenario, state, force, rate, config=CONFIG, held=True):
 
 
 def at(scenario, pose, twist=(0.0, 0.0, 0.0)):
-    still = jnp.zeros(scenario.team.offset.shape)
-    return PlanarState(jnp.asarray(pose, jnp.float32), jnp.asarray(twist, jnp.float32), still, still)
+    start = WORLD.start(scenario)
+    pose, twist = jnp.asarray(pose, jnp.float32), jnp.asarray(twist, jnp.float32)
+    return dataclasses.replace(start, pose=pose, twist=twist, offset=jnp.zeros_like(start.offset))
 
 
 @jax.jit

@@ -16,6 +16,7 @@ from jaxlocomanip.planner.estimation import ObstacleEstimate
 from jaxlocomanip.planner.pose_grid import CELLS, FREE
 from jaxlocomanip.planner.refine import guess_from, refine
 from jaxlocomanip.planner.room import bodies_of, rooms_at
+from jaxlocomanip.planner.search import Query
 from jaxlocomanip.planner.shapes import ROBOT_DISCS, shapes_of
 
 CONFIG = PlannerConfig()
@@ -23,9 +24,11 @@ AWAY = (20.0, 20.0)
 
 
 @jax.jit
-def search_path(start, goal, shapes, obstacles, body, config):
-    rough = search.search_poses(start, goal, shapes, obstacles, body, config)
-    guess = guess_from(rough, shapes.team.offset, shapes, body, config)
+def search_path(scenario, shapes, obstacles, body, config):
+    goal, first, zero = scenario.goal, jnp.zeros((), jnp.int32), jnp.zeros(())
+    query = Query(scenario.start, shapes.team.offset, goal, first, jnp.zeros((), bool), zero, first)
+    rough = search.search_poses(query, shapes, scenario.formations, obstacles, body, config)
+    guess = guess_from(rough.poses, shapes.team.offset, shapes, body, config)
     found = refine(guess, goal, shapes, obstacles, body, config)
     paced = path.pace(found.poses, shapes, body, config.reference.turn_radius, found.cost)
     return path.with_pushes(paced, found.force, found.offset, found.room, shapes.team)
@@ -45,7 +48,7 @@ def find(make_scenario):
         places = scenario.obstacles.position
         estimate = ObstacleEstimate(places, jnp.zeros_like(places) + jnp.asarray(velocity), jnp.zeros((2, 3)))
         body = adaptation.start(scenario.object, CONFIG.adaptation).body
-        return search_path(scenario.start, scenario.goal, shapes, estimate, body, CONFIG), shapes, body
+        return search_path(scenario, shapes, estimate, body, CONFIG), shapes, body
 
     return run
 

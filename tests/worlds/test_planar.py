@@ -10,7 +10,7 @@ import pytest
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.geometry import perpendicular, rotate
 from jaxlocomanip.worlds.interface import Push
-from jaxlocomanip.worlds.planar import PlanarState, PlanarWorld
+from jaxlocomanip.worlds.planar import PlanarWorld
 
 WORLD, TICK = PlanarWorld(), 0.02
 step = jax.jit(lambda world, *args: world.step(*args, 0.0, TICK))
@@ -56,7 +56,7 @@ def test_push_is_limited_to_what_the_robot_can_do(x64, scenario):
 
 def sliding(made, twist, force=0.0):
     """State with the contact forces already built up."""
-    return PlanarState(made.start, jnp.asarray(twist, float), made.team.offset, jnp.full(2, force))
+    return dataclasses.replace(WORLD.start(made), twist=jnp.asarray(twist, float), force=jnp.full(2, force))
 
 
 def test_push_fades_with_speed(x64, scenario):
@@ -127,7 +127,7 @@ def power_balance(made, substeps, world):
 
     def one(carry, _):
         state, work, heat = carry
-        after = world.substep(state, made, command, h)
+        after = world.substep(state, made, made.team, command, h)
         before_V, after_V = central(state), central(after)
         fade = jnp.clip((made.team.push_speed_max - contact_speeds(state)) / world.fade, 0.0, 1.0)
         speeds = 0.5 * (contact_speeds(state) + contact_speeds(after))
