@@ -12,6 +12,7 @@ from jax import Array
 
 from benchmarks.timing import compiled, milliseconds
 from jaxlocomanip import PlannerConfig, build_scenario, find_scenario
+from jaxlocomanip.loop import task_of
 from jaxlocomanip.numerics import pytree
 from jaxlocomanip.planner import decision, nmpc, problem, reference, safety
 from jaxlocomanip.planner.nmpc import Command, Measurement, PlannerState, Task

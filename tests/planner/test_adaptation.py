@@ -136,9 +136,8 @@ def test_friction_converges_on_a_pushed_object(make_scenario):
     task = task_of(scenario)
 
     def measure(state):
-        return Measurement(
-            state.pose, state.offset, scenario.obstacles.position, jnp.ones(1, bool), jnp.zeros((), jnp.int32)
-        )
+        places, touching = scenario.obstacles.position, jnp.ones(1, bool)
+        return Measurement(state.pose, state.offset, places, touching, jnp.zeros((), jnp.int32))
 
     def tick(carry, k):
         state, planner = carry
