@@ -67,6 +67,7 @@ FEATURES: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
         # Without the prior the planner reckons with exactly what the scenario states.
         "adaptation": {"adaptation.gain": 0.0, "adaptation.prior_friction": 0.0},
+        "faces": {"reference.change_faces": 0.0},
         "robot-cbf": {"protection.robots": 0.0},
         "object-cbf": {"protection.object": 0.0},
         "clf": {"constraints.clf.weight": 0.0},

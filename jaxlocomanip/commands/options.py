@@ -42,7 +42,7 @@ def add_planner(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FEATURE",
-        help="switch off adaptation, robot-cbf, object-cbf, clf, path or filter; may be repeated",
+        help="switch off adaptation, robot-cbf, object-cbf, clf, path, faces or filter; may be repeated",
     )
 
 

@@ -117,6 +117,8 @@ class Reference:
     """fraction of the goal tolerances beyond which an object at rest is pushed on"""
     second_start: Number = 1.0
     """1: each tick, try a plan that pushes at once beside the warm start; 0: warm start only"""
+    change_faces: Number = 1.0
+    """1: the team walks around the object to other faces where it may and it pays; 0: it keeps its faces"""
     plan_path: Number = 1.0
     """1: obstacle-aware path; 0: straight line from the start"""
     clearance: Number = 0.3

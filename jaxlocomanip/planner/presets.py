@@ -46,7 +46,7 @@ def paper() -> PlannerConfig:
             margin=0.0,
             clf_normalised=0.0,
         ),
-        reference=Reference(plan_path=0.0, second_start=0.0, arrive=0.0, leave=0.0),
+        reference=Reference(change_faces=0.0, plan_path=0.0, second_start=0.0, arrive=0.0, leave=0.0),
         adaptation=Adaptation(
             gain=(300.0, 200.0, 100.0, 100.0, 0.0, 0.0),
             on_prediction=0.0,

@@ -210,7 +210,8 @@ def survey(
     """
     size, now = count(formations), query.now
     field = distance_field(grid, local, query.goal.pose, shapes, obstacles, config)
-    arrive, fits = ends(grid, query.goal), usable(formations)
+    arrive, walks = ends(grid, query.goal), config.reference.change_faces > 0.5
+    fits = usable(formations) & (walks | (jnp.arange(size) == now))
     room = ring(field, grid, shapes) if size > 1 else field
 
     def landscape(given: tuple[Any, ...]) -> Landscape:
