@@ -85,7 +85,9 @@ def plan(
     there = dataclasses.replace(shapes, team=team_in(shapes.team, formations, now))
     # A path on which nothing moves is none, whatever it seems to cost: then the search decides alone.
     stuck = reference.stalls(progress, config.reference) >= reference.PATIENCE
-    query = jax.lax.stop_gradient(Query(pose, offset, goal, now, stuck, berth, walks))
+    # Beside obstacles that move a new path is searched every time, which is no reason to look at all formations.
+    wide = stuck | (path.cost >= UNPLANNED) | ~jnp.any(shapes.obstacle_dynamic & shapes.obstacle_mask)
+    query = jax.lax.stop_gradient(Query(pose, offset, goal, now, stuck, wide, berth, walks))
     rest = guess_along(path, progress.projected, pose, offset, there, body, config), path.aim
 
     def search(arguments: tuple[Any, ...]) -> tuple[Guess, Aim]:

@@ -80,6 +80,8 @@ class Query:
     """[] int, formation"""
     stuck: Array
     """[] bool: the team does not get on in its formation"""
+    wide: Array
+    """[] bool: other formations may be looked at"""
     berth: Array
     """[] m, room that walks around the object keep beyond the usual"""
     walks: Array
@@ -155,7 +157,7 @@ def search_poses(
     if count(formations) == 1:
         return Found(poses, at_goal(query.goal, query.now))
     at_once = _walks_at_once(query, costs, shapes, formations, obstacles, config)
-    stays = jnp.min(at_once) <= cost
+    stays = jnp.min(at_once) <= cost + jnp.where(query.stuck, _STUCK, 0.0)
     walks = jnp.where(stays, at_once, land.walks[:, *last])
     stop, poses = jnp.where(stays, FAR, land.stop[*last]), jnp.where(stays, start, poses)
     return Found(poses, _aim(query, poses[-1], stop, walks, count(formations)))
@@ -222,7 +224,7 @@ def survey(
         tight, overlap = (jnp.maximum(2.0 * config.constraints.margin - free, 0.0) for free in (near, widest))
         density = density + _BLOCKED * (tight + overlap**2 / _THICKNESS)
         moves = price_moves(there, body, grid.spacing, config.reference.turn_radius)
-        stop = arrive + grid.spacing * (density - 1.0) + jnp.where(query.stuck & (k == query.now), _STUCK, 0.0)
+        stop = arrive + grid.spacing * (density - 1.0)
         walks = jnp.full((2, *stop.shape), FAR, stop.dtype)
         if size > 1:
             berth = config.safety.margin + ROOM + query.berth
@@ -246,7 +248,7 @@ def survey(
         cost = first_node(local, grid, found.value, found.density, there, body, turn_radius)[1]
         costs = jnp.where(needed, costs.at[k].set(cost), costs)
         far = costs[now] > safe_norm(local[:2]) + query.price
-        return (table, costs, known, far | query.stuck), None
+        return (table, costs, known, query.wide & (far | query.stuck)), None
 
     blank = jnp.full((HEADINGS, CELLS, CELLS), FAR, local.dtype)
     free = Moves(jnp.zeros((DIRECTIONS, HEADINGS, len(TURNS)), local.dtype), jnp.zeros(2, local.dtype))

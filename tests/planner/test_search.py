@@ -25,8 +25,8 @@ AWAY = (20.0, 20.0)
 
 @jax.jit
 def search_path(scenario, shapes, obstacles, body, config):
-    goal, first, zero = scenario.goal, jnp.zeros((), jnp.int32), jnp.zeros(())
-    query = Query(scenario.start, shapes.team.offset, goal, first, jnp.zeros((), bool), zero, first)
+    goal, first, zero, no = scenario.goal, jnp.zeros((), jnp.int32), jnp.zeros(()), jnp.zeros((), bool)
+    query = Query(scenario.start, shapes.team.offset, goal, first, no, no, zero, first)
     rough = search.search_poses(query, shapes, scenario.formations, obstacles, body, config)
     guess = guess_from(rough.poses, shapes.team.offset, shapes, body, config)
     found = refine(guess, goal, shapes, obstacles, body, config)
