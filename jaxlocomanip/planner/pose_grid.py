@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxlocomanip.numerics import pytree
-from jaxlocomanip.planar.geometry import quick_point_distance, rotate
+from jaxlocomanip.numerics import apart, larger, pytree, smaller
+from jaxlocomanip.planar.geometry import Outline, outline, quick_distance, rotate
+from jaxlocomanip.planar.vector import Vector, vectors
 from jaxlocomanip.planner.authority import usable_offsets
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
@@ -88,15 +91,8 @@ def distance_field(
     arrival = jnp.sqrt(jnp.sum((nodes - local[:2]) ** 2, axis=-1)) / config.reference.speed
     arrival = jnp.clip(arrival, 0.0, 3.0)
     world = goal[:2] + rotate(goal[2], nodes)
-
-    def distance(point: Array, time: Array) -> Array:
-        moved = point - obstacles.position - obstacles.velocity * time
-        each = jax.vmap(quick_point_distance)(moved, shapes.obstacle_vertices, shapes.obstacle_radius)
-        # Nobody walks at constant velocity for long: the later the meeting, the wider the berth.
-        berth = jnp.where(shapes.obstacle_dynamic, config.reference.caution * time, 0.0)
-        return jnp.min(jnp.where(shapes.obstacle_mask, each - berth, FAR))
-
-    return jax.vmap(jax.vmap(distance))(world, arrival)
+    edges = outline(vectors(jnp.swapaxes(shapes.obstacle_vertices, 0, 1)[..., None, None, :]))
+    return _field(vectors(world), arrival, edges, shapes, obstacles, config)
 
 
 def clearance(field: Array, grid: Grid, shapes: Shapes, config: PlannerConfig) -> Array:
@@ -105,36 +101,76 @@ def clearance(field: Array, grid: Grid, shapes: Shapes, config: PlannerConfig) -
     First with the robots at the middles of their faces, then with each where along its face it has most room.
     """
     headings = TURN * jnp.arange(HEADINGS, dtype=field.dtype)
-
-    def at(heading: Array, center: Array, radius: Array) -> Array:
-        return shifted(field, rotate(heading, center) / grid.spacing) - radius
-
-    def least(heading: Array, centers: Array, radii: Array) -> Array:
-        return jnp.min(jax.vmap(at, in_axes=(None, 0, 0))(heading, centers, radii), axis=0)
-
     limit = usable_offsets(shapes.team)
-    robots = jnp.stack([shapes.robot_centers(part * limit) for part in STANDS])
-    radii = jnp.broadcast_to(shapes.robot_radii[:, None], robots.shape[1:3])
+    # Discs in groups, of which the least distance counts: the object's, then each robot's at each of its stands.
+    robots = jnp.stack([shapes.robot_centers(part * limit) for part in STANDS], axis=1)
+    groups = [(shapes.object_centers, shapes.object_radii)]
+    groups += [
+        (centers, jnp.broadcast_to(radius, centers.shape[:1]))
+        for stands, radius in zip(robots, shapes.robot_radii, strict=True)
+        for centers in stands
+    ]
+    protected = config.protection.object > 0.5, config.protection.robots > 0.5
 
-    def at_heading(heading: Array) -> Array:
-        standing = jax.vmap(jax.vmap(least, in_axes=(None, 0, 0)), in_axes=(None, 0, None))(heading, robots, radii)
-        team = jnp.min(jnp.stack([standing[STANDS.index(0.0)], jnp.max(standing, axis=0)]), axis=1)
-        body = least(heading, shapes.object_centers, shapes.object_radii)
-        protection = config.protection
-        return jnp.minimum(jnp.where(protection.object > 0.5, body, FAR), jnp.where(protection.robots > 0.5, team, FAR))
+    def at_heading(wide: Array, heading: Array) -> tuple[Array, Array]:
+        room = [_room(_windows(wide, rotate(heading, centers) / grid.spacing), radii) for centers, radii in groups]
+        body = jnp.where(protected[0], room[0], FAR)
+        return wide, _least_and_widest(body, [jnp.where(protected[1], one, FAR) for one in room[1:]])
 
-    return jax.vmap(at_heading, out_axes=1)(headings)
+    # One heading after the other: side by side each disc's part of the field would be gathered number by number.
+    return jnp.swapaxes(jax.lax.scan(at_heading, jnp.pad(field, _REACH, mode="edge"), headings)[1], 0, 1)
+
+
+@apart
+def _field(
+    point: Vector, time: Array, edges: Outline, shapes: Shapes, obstacles: ObstacleEstimate, config: PlannerConfig
+) -> Array:
+    """[n, n] m, distance of points [n, n] to the nearest obstacle as it is predicted at times [n, n] s."""
+    places = obstacles.position[..., None, None] + obstacles.velocity[..., None, None] * time
+    moved = Vector(point.x - places[:, 0], point.y - places[:, 1])
+    each = quick_distance(moved, edges) - shapes.obstacle_radius[:, None, None]
+    # Nobody walks at constant velocity for long: the later the meeting, the wider the berth.
+    berth = jnp.where(shapes.obstacle_dynamic[:, None, None], config.reference.caution * time, 0.0)
+    return reduce(smaller, [*jnp.where(shapes.obstacle_mask[:, None, None], each - berth, FAR)])
 
 
 def shifted(field: Array, shift: Array) -> Array:
     """field [n, n] read at index + shift [2] by bilinear interpolation, held at the border.
 
-    The shift is the same for every node, so that one slice of the widened field and its neighbours by one are enough.
+    The shift is the same for every node, so that one part of the widened field and its neighbours by one are enough.
     """
-    size = field.shape[0]
-    low = jnp.floor(shift)
-    corner = jnp.clip(_REACH + low.astype(jnp.int32), 0, 2 * _REACH - 1)
-    part = shift - low
-    wide = jax.lax.dynamic_slice(jnp.pad(field, _REACH, mode="edge"), (corner[0], corner[1]), (size + 1, size + 1))
-    along = (1.0 - part[0]) * wide[:-1] + part[0] * wide[1:]
-    return (1.0 - part[1]) * along[:, :-1] + part[1] * along[:, 1:]
+    ((near, part),) = _windows(jnp.pad(field, _REACH, mode="edge"), shift[None])
+    return _interpolated(near, part)
+
+
+def _interpolated(near: Array, part: Array) -> Array:
+    """[n, n] of [n + 1, n + 1], between each number and its neighbours."""
+    along = near[:-1] + part[0] * (near[1:] - near[:-1])
+    return along[:, :-1] + part[1] * (along[:, 1:] - along[:, :-1])
+
+
+@apart
+def _windows(wide: Array, shifts: Array) -> list[tuple[Array, Array]]:
+    """The parts [n + 1, n + 1] of a widened field that begin at shifts [D, 2], and what is left of these, [2]."""
+    found = []
+    for shift in shifts:
+        low = jnp.floor(shift)
+        corner = jnp.clip(_REACH + low.astype(jnp.int32), 0, 2 * _REACH - 1)
+        size = wide.shape[0] - 2 * _REACH + 1
+        found.append((jax.lax.dynamic_slice(wide, (corner[0], corner[1]), (size, size)), shift - low))
+    return found
+
+
+@apart
+def _room(windows: list[tuple[Array, Array]], radii: Array) -> Array:
+    """[n, n] m, least distance of discs of these radii, of their windows."""
+    rooms = [_interpolated(*window) - radius for window, radius in zip(windows, radii, strict=True)]
+    return reduce(smaller, rooms)
+
+
+@apart
+def _least_and_widest(body: Array, robots: list[Array]) -> Array:
+    """[2, n, n] m, room of the team with robots at the middles of their faces, and where each has most room."""
+    middle, count = STANDS.index(0.0), len(STANDS)
+    widest = [reduce(larger, robots[k : k + count]) for k in range(0, len(robots), count)]
+    return jnp.stack([reduce(smaller, robots[middle::count], body), reduce(smaller, widest, body)])

@@ -10,39 +10,30 @@ of each other's way.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import T, apart, pytree, safe_norm
+from jaxlocomanip.numerics import pytree, safe_norm
 from jaxlocomanip.planar.dynamics import Body
-from jaxlocomanip.planar.geometry import (
-    Outline,
-    cross,
-    feature_distance,
-    nearest_feature,
-    outline,
-    perpendicular,
-    rotate,
-)
-from jaxlocomanip.planar.vector import Vector, choose, vectors
+from jaxlocomanip.planar.geometry import cross, perpendicular, point_distance, rotate
+from jaxlocomanip.planar.vector import trailing
+from jaxlocomanip.planner import path_model, path_room
 from jaxlocomanip.planner.authority import CAPACITY, usable_offsets
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
+from jaxlocomanip.planner.path_model import EVENLY, STANDS
 from jaxlocomanip.planner.penalty import relaxed_barrier
 from jaxlocomanip.planner.pose_grid import FREE, MISS
 from jaxlocomanip.planner.shapes import ROBOT_DISCS, Shapes
 from jaxlocomanip.scenario import Team
-from jaxlocomanip.solver.ocp import Penalty, Plan, Stage, StageModel, forward_model, stage_cost
+from jaxlocomanip.solver.layout import stages_inside
+from jaxlocomanip.solver.ocp import Penalty, Plan, Stage, StageModel, forward_model
 
 _EFFORT = 0.1
 """weight of squared pushes beside that of squared steps: the robots share, and keep off the ends of their ranges"""
 _INSIDE = 0.1
 """share of a miss's price (`pose_grid`) that one within the tolerances has"""
-_EVENLY = 20.0
-"""weight of steps of uneven length: obstacles cost per step, and a long one would pass through"""
 _GUESS = 0.2
 """1/m^2, pull towards the rough path"""
 _CONE = 0.2
@@ -53,8 +44,6 @@ _SLIDE = 1.0
 """m of way that a robot's walk of one metre along its face is worth: it takes as long"""
 _IDLE = 0.5
 """1/m^2, pull of the contact offsets to the middle of their ranges"""
-_STANDS = 0.1
-"""of a step's length, sliding motion below which the object hardly slides"""
 _SWITCH, _REACH = 0.02, 0.2
 """of the barriers of pushes, in multiples of what the motion takes"""
 _SWITCH_OFFSET, _REACH_OFFSET = 0.01, 0.05
@@ -88,18 +77,6 @@ class PathStage:
 
 
 @pytree
-class Near:
-    """What is nearest to each of D discs, for small changes of their places."""
-
-    distance: Array
-    """[D] m, to the nearest obstacle"""
-    normal: Array
-    """[D, 2] away from it"""
-    center: Array
-    """[D, 2] m, where the disc was"""
-
-
-@pytree
 class PathProblem:
     """Implements `solver.ocp.Problem`.
 
@@ -120,11 +97,6 @@ class PathProblem:
 
     def stage(self, x: Array, u: Array, data: PathStage) -> Stage:
         """One step of quasi-static motion."""
-        alone = self.nearest(x[None], jax.tree.map(lambda leaf: leaf[None], data))
-        return self.stage_near(x, u, data, jax.tree.map(lambda leaf: leaf[0], alone))
-
-    def stage_near(self, x: Array, u: Array, data: PathStage, near: Near) -> Stage:
-        """One step of quasi-static motion near known features of obstacles."""
         pose, offset, (push, slide) = x[:3], x[3:], jnp.split(u, 2)
         team = self.shapes.team
         move, norm = motion(push, offset, self.friction, team)
@@ -133,76 +105,53 @@ class PathProblem:
         way = jnp.concatenate([move[:2], data.turning * move[2:]])
         length = safe_norm(jnp.concatenate([move[:2], self.config.reference.turn_radius * move[2:]]))
         limit = usable_offsets(team)
-        residual = jnp.concatenate(
-            [
-                per_step * way,
-                jnp.sqrt(_EVENLY) * per_step * (length - self.step)[None],
-                jnp.sqrt(_EFFORT) * per_step * push,
-                _SLIDE * per_step * slide,
-                jnp.sqrt(_IDLE * self.step) * offset,
-                jnp.sqrt(_GUESS * self.step) * (pose - data.guess),
-            ]
-        )
+        separable = jnp.concatenate([pose - data.guess, offset, push, slide])
+        uneven = jnp.sqrt(EVENLY) * per_step * (length - self.step)
+        residual = jnp.concatenate([per_step * way, uneven[None], jnp.sqrt(self.weights()) * separable])
         # Relative to the sliding motion, of which a turn on the spot has little: a little pull is a pull.
-        pushes = push / jnp.sqrt(jnp.sum(norm**2) + (_STANDS * self.step) ** 2)
+        pushes = push / jnp.sqrt(jnp.sum(norm**2) + (STANDS * self.step) ** 2)
         between = team.pair_bounds - self.config.constraints.margin - team.pair_rows @ offset
         inequality = [pushes, self.friction.capacity - pushes, limit + offset, limit - offset, between]
         return Stage(
             jnp.concatenate([reached, offset + slide]),
             residual,
-            jnp.concatenate([*inequality, self.room(pose, offset, near)]),
+            jnp.concatenate([*inequality, self.room(pose, offset, data.time)]),
         )
 
-    def centers(self, pose: Array, offset: Array) -> Array:
-        """[D, 2] m, of all discs: the object's and the robots'."""
-        robots = self.shapes.robot_centers(offset).reshape(-1, 2)
-        return pose[:2] + rotate(pose[2], jnp.concatenate([self.shapes.object_centers, robots]))
+    def weights(self) -> Array:
+        """[nz] of the squares of deviation from the rough path, offsets, pushes and changes of offsets."""
+        step = self.step
+        each = jnp.stack([_GUESS * step, _IDLE * step, 2.0 * _EFFORT / step, 2.0 * _SLIDE**2 / step])
+        n = self.shapes.team.offset.shape[0]
+        return jnp.repeat(each, jnp.array([3, n, n, n]), total_repeat_length=3 + 3 * n)
 
-    def room(self, pose: Array, offset: Array, near: Near) -> Array:
-        """[D] m, distances of all discs to their nearest obstacles, beyond radius and margin."""
-        radii = jnp.concatenate([self.shapes.object_radii, jnp.repeat(self.shapes.robot_radii, ROBOT_DISCS)])
-        along = jnp.sum(near.normal * (self.centers(pose, offset) - near.center), axis=1)
-        return near.distance + along - radii - self.config.constraints.margin
+    def room(self, pose: Array, offset: Array, time: Array) -> Array:
+        """[D] m, distances of all discs to their nearest obstacles at a time [] s, beyond radius and margin."""
+        shapes, obstacles = self.shapes, self.obstacles
+        robots = shapes.robot_centers(offset).reshape(-1, 2)
+        centers = pose[:2] + rotate(pose[2], jnp.concatenate([shapes.object_centers, robots]))
+        radii = jnp.concatenate([shapes.object_radii, jnp.repeat(shapes.robot_radii, ROBOT_DISCS)])
+        berth = jnp.where(shapes.obstacle_dynamic, self.config.reference.caution * time, 0.0)
+        places = obstacles.position + obstacles.velocity * time
+
+        def least(center: Array) -> Array:
+            away = jax.vmap(point_distance)(center - places, shapes.obstacle_vertices, shapes.obstacle_radius + berth)
+            return jnp.min(jnp.where(shapes.obstacle_mask, away, 1e3))
+
+        return jax.vmap(least)(centers) - radii - self.config.constraints.margin
 
     def rooms(self, xs: Array) -> Array:
         """[N, D] m, room at states [N, nx] of all stages."""
-        near = self.nearest(xs, self.stages)
-        return jax.vmap(lambda x, n: self.room(x[:3], x[3:], n))(xs, near)
-
-    def nearest(self, xs: Array, stages: PathStage) -> Near:
-        """Leaves [n, D, ...]: what is nearest to each disc at states [n, nx] of so many stages; held fixed."""
-        shapes, obstacles = self.shapes, self.obstacles
-        held = jax.lax.stop_gradient(jax.vmap(lambda x: self.centers(x[:3], x[3:]))(xs))
-        # Stages last, so that every operation on a component is one long loop.
-        point = Vector(*jnp.moveaxis(held, (2, 1), (0, 1)))
-        places = obstacles.position[..., None] + obstacles.velocity[..., None] * stages.time
-        berth = jnp.where(shapes.obstacle_dynamic[:, None], self.config.reference.caution * stages.time, 0.0)
-        corners = vectors(jnp.swapaxes(shapes.obstacle_vertices, 0, 1))
-        shape = jax.tree.map(lambda leaf: leaf[:, :, None, None], outline(corners))
-        away, outwards = _from_obstacles(point[None] - Vector(places[:, None, 0], places[:, None, 1]), shape)
-        away = away - (shapes.obstacle_radius[:, None] + berth)[:, None]
-        away = jnp.where(shapes.obstacle_mask[:, None, None], away, 1e3)
-        distance, normal = away[0], outwards[0]
-        for o in range(1, away.shape[0]):
-            normal, distance = choose(away[o] < distance, outwards[o], normal), jnp.minimum(away[o], distance)
-        facing = jnp.stack([normal.x, normal.y], axis=-1)
-        return jax.lax.stop_gradient(Near(distance.T, jnp.swapaxes(facing, 0, 1), held))
+        return path_room.rooms(self, stages_inside(xs)).T
 
     def values(self, plan: Plan) -> tuple[Array, Array]:
         """Cost [N] and next state [N, nx] of every stage."""
-        return self._each(stage_cost, plan)
+        cost, following = path_model.values(self, *_stages_last(plan))
+        return cost, following.T
 
     def models(self, plan: Plan) -> StageModel:
-        """Gauss-Newton models of all stages, leaves [N, ...]."""
-        return self._each(forward_model, plan)
-
-    def _each(self, function: Callable[..., T], plan: Plan) -> T:
-        """A function of problem, state, input and stage at all stages; the nearest features are found once."""
-        xs = plan.xs[:-1]
-        near = self.nearest(xs, self.stages)
-        return jax.vmap(lambda x, u, data, near: function(_Located(self, near), x, u, data))(
-            xs, plan.us, self.stages, near
-        )
+        """Gauss-Newton models of all stages, leaves [N, ...]; equal to `model` of each."""
+        return path_model.models(self, *_stages_last(plan))
 
     def penalty(self, h: Array, data: PathStage) -> Penalty:
         """Relaxed barriers, per metre of path."""
@@ -216,7 +165,7 @@ class PathProblem:
             (n * ROBOT_DISCS, _NEAR * protection.robots, *near),
         ]
         weight, switch, reach = (
-            jnp.concatenate([jnp.full(group[0], group[i], h.dtype) for group in groups]) for i in (1, 2, 3)
+            trailing(jnp.concatenate([jnp.full(group[0], group[i], h.dtype) for group in groups]), h) for i in (1, 2, 3)
         )
         return relaxed_barrier(h, self.step * weight, switch, reach)
 
@@ -233,24 +182,9 @@ class PathProblem:
         return jnp.sqrt(2.0 * MISS) * jnp.concatenate([off * beyond[jnp.array([0, 0, 1])], inside])
 
 
-@pytree
-class _Located:
-    """One stage of a problem, whose nearest obstacles are known."""
-
-    problem: PathProblem
-    near: Near
-
-    def stage(self, x: Array, u: Array, data: PathStage) -> Stage:
-        return self.problem.stage_near(x, u, data, self.near)
-
-    def penalty(self, h: Array, data: PathStage) -> Penalty:
-        return self.problem.penalty(h, data)
-
-
-@apart
-def _from_obstacles(point: Vector, shape: Outline) -> tuple[Array, Vector]:
-    """Signed distances [...] of points from polygons, and their gradients."""
-    return feature_distance(point, nearest_feature(point, shape))[:2]
+def _stages_last(plan: Plan) -> tuple[Array, Array]:
+    """States [nx, N] and inputs [nu, N]."""
+    return stages_inside(plan.xs[:-1]), stages_inside(plan.us)
 
 
 def friction_of(shapes: Shapes, body: Body) -> Friction:

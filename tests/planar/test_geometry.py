@@ -13,7 +13,8 @@ from jaxlocomanip.planar.geometry import (
     perpendicular,
     point_distance,
     polygon_distance,
-    quick_point_distance,
+    quick_distance,
+    quick_normal,
     rectangle,
     rotate,
     transform,
@@ -109,8 +110,10 @@ def test_point_distance_against_oracles(x64, vertices):
     rng = np.random.default_rng(3)
     points = rng.uniform(-1.5, 2.0, (300, 2))
     found = np.asarray(point_distances(jnp.asarray(points), jnp.asarray(vertices), 0.1))
-    quick = jax.vmap(quick_point_distance, (0, None, None))(jnp.asarray(points), jnp.asarray(vertices), 0.1)
-    np.testing.assert_allclose(quick, found, atol=1e-9)
+    at, edges = vectors(jnp.asarray(points)), outline(vectors(jnp.asarray(vertices)[:, None]))
+    np.testing.assert_allclose(quick_distance(at, edges) - 0.1, found, atol=1e-9)
+    slopes = jax.vmap(jax.grad(point_distance), (0, None, None))(jnp.asarray(points), jnp.asarray(vertices), 0.1)
+    np.testing.assert_allclose(jnp.stack(list(vars(quick_normal(at, edges)).values()), axis=1), slopes, atol=1e-9)
     samples, error = boundary(vertices, 2000)
     nearest = np.sqrt(((points[:, None] - samples[None]) ** 2).sum(axis=2).min(axis=1))
     edges = np.roll(vertices, -1, axis=0) - vertices
