@@ -15,9 +15,9 @@ from jaxlocomanip import PlannerConfig, build_scenario, find_scenario
 from jaxlocomanip.loop import task_of
 from jaxlocomanip.numerics import pytree
 from jaxlocomanip.planner import decision, nmpc, problem, reference, safety
-from jaxlocomanip.planner.nmpc import Command, Measurement, PlannerState, Task
 from jaxlocomanip.planner.problem import PushProblem
 from jaxlocomanip.planner.situation import Situation
+from jaxlocomanip.planner.state import Command, Measurement, PlannerState, Task, start
 from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.solver import riccati, sqp
 from jaxlocomanip.solver.ocp import Plan
@@ -112,7 +112,7 @@ def instant(config: PlannerConfig, tick: Callable[..., Any]) -> Instant:
     task = task_of(scenario)
     world = WORLD.start(scenario)
     measured = _measurement(world, scenario, 0)
-    state = nmpc.replan(nmpc.start(task, measured, config), task, config)
+    state = nmpc.replan(start(task, measured, config), task, config)
     step = jax.jit(_world_step)
     push = _asked(state.command)
     for k in range(LEAD_IN):

@@ -13,10 +13,11 @@ from jax import Array
 
 from jaxlocomanip.numerics import all_finite, pytree, select
 from jaxlocomanip.outcome import Clearances, Outcome, Tally, clearances, count, gaps, nearest, start_tally, summarise
-from jaxlocomanip.planner import nmpc
+from jaxlocomanip.planner import nmpc, state
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.nmpc import Command, Measurement, PlannerState, Report, Task
+from jaxlocomanip.planner.decision import Report
 from jaxlocomanip.planner.shapes import shapes_of
+from jaxlocomanip.planner.state import Command, Measurement, PlannerState, Task
 from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.solver.sqp import Status
 from jaxlocomanip.worlds.interface import Push, View
@@ -95,7 +96,7 @@ def task_of(scenario: Scenario) -> Task:
 def begin(scenario: Scenario, config: PlannerConfig, key: Array, view: View) -> Loop:
     """The loop before the first tick, the world in its first state."""
     measured = measure(view, scenario, key, jnp.zeros((), jnp.int32), config)
-    planner = nmpc.start(task_of(scenario), measured, config)
+    planner = state.start(task_of(scenario), measured, config)
     history = jax.tree.map(lambda leaf: jnp.stack([leaf] * (MAX_DELAY_TICKS + 1)), planner.command)
     least = clearances(scenario, view, scenario.obstacles.at(jnp.zeros(())))
     return Loop(planner, history, start_tally(scenario), least, jnp.zeros((), jnp.int32), jnp.ones((), bool))

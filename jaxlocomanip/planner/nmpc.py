@@ -13,124 +13,24 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.formation import count, team_in
+from jaxlocomanip.formation import count
 from jaxlocomanip.lanes import GROUP, where_needed
-from jaxlocomanip.numerics import T, pytree, safe_norm, select, wrap_angle
+from jaxlocomanip.numerics import T, select, wrap_angle
 from jaxlocomanip.planar import dynamics
-from jaxlocomanip.planner import adaptation, breakaway, estimation, path, reference, regrasp, route, safety, schedule
+from jaxlocomanip.planner import adaptation, breakaway, estimation, path, reference, route, safety, schedule
 from jaxlocomanip.planner.adaptation import ParameterEstimate
 from jaxlocomanip.planner.breakaway import Breakaway
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.decision import Report, at_rest, decide, options
+from jaxlocomanip.planner.decision import Report, at_rest, decide
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.path import Path
 from jaxlocomanip.planner.reference import Progress
+from jaxlocomanip.planner.regrouping import regrouped, regrouping
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.situation import Situation
-from jaxlocomanip.scenario import Formations, Goal, ObjectModel
-from jaxlocomanip.solver import sqp
+from jaxlocomanip.planner.state import Command, Measurement, PlannerState, Task
 from jaxlocomanip.solver.ocp import Plan
 from jaxlocomanip.solver.sqp import Iterate
-
-
-@pytree
-class Task:
-    """What the planner is told once: geometry, belief and goal."""
-
-    shapes: Shapes
-    """with the team in its first formation"""
-    formations: Formations
-    model: ObjectModel
-    goal: Goal
-
-
-@pytree
-class Measurement:
-    """What a world reports each tick."""
-
-    pose: Array
-    """[3] object, m and rad"""
-    offset: Array
-    """[N_r] m, contact offsets"""
-    obstacles: Array
-    """[N_o, 2] m"""
-    contact: Array
-    """[N_r] bool: robots that are at their face; of the others no push is believed to act"""
-    formation: Array
-    """[] int, that the team has, or is walking to; the offsets are those in it"""
-
-
-@pytree
-class Command:
-    """What the planner asks of the robots until the next tick."""
-
-    force: Array
-    """[N_r] N, push along the contact normal"""
-    offset_rate: Array
-    """[N_r] m/s"""
-    offset: Array
-    """[N_r] m, contact offset at the end of the tick"""
-    twist: Array
-    """[3] m/s, rad/s: the object's planned velocity"""
-    resting: Array
-    """[] bool: the object has arrived"""
-    formation: Array
-    """[] int, that the team shall take"""
-
-
-@pytree
-class PlannerState:
-    """Everything the planner remembers from tick to tick."""
-
-    object: ObjectEstimate
-    obstacles: ObstacleEstimate
-    parameters: ParameterEstimate
-    path: Path
-    origin: Array
-    """[3] pose from which a straight path starts"""
-    progress: Progress
-    solver: Iterate
-    force: Array
-    """[N_r] N, push believed to act now (the command after the robots' lag)"""
-    offset: Array
-    """[N_r] m, contact offsets at the last tick"""
-    proven: Array
-    """[] N, friction that the floor has shown"""
-    breakaway: Breakaway
-    formation: Array
-    """[] int, of the team at the last tick"""
-    berth: Array
-    """[] m, room that walks around the object keep beyond the usual: grows where there was too little"""
-    walks: Array
-    """[] int, walks around the object so far"""
-    command: Command
-
-
-def start(task: Task, measured: Measurement, config: PlannerConfig) -> PlannerState:
-    """State before the first tick, at rest at the first measurement."""
-    n = measured.offset.shape[0]
-    first = jnp.concatenate([measured.pose, jnp.zeros(3, measured.pose.dtype), measured.offset])
-    steps = config.horizon.steps
-    guess = Plan(jnp.tile(first, (steps + 1, 1)), jnp.zeros((steps, 2 * n), first.dtype))
-    zero = jnp.zeros(n, first.dtype)
-    parameters = adaptation.start(task.model, config.adaptation)
-    return PlannerState(
-        object=estimation.start_object(measured.pose),
-        obstacles=estimation.start_obstacles(measured.obstacles, config.estimation),
-        parameters=parameters,
-        path=path.unsearched(measured.pose, n, path.at_goal(task.goal, measured.formation)),
-        origin=measured.pose,
-        progress=reference.start(),
-        solver=sqp.start(guess, options(config)),
-        force=zero,
-        offset=measured.offset,
-        proven=safety.least_friction(parameters.body, config),
-        breakaway=breakaway.start(measured.pose),
-        formation=measured.formation,
-        berth=jnp.zeros((), first.dtype),
-        walks=jnp.zeros((), jnp.int32),
-        command=Command(zero, zero, measured.offset, jnp.zeros(3, first.dtype), jnp.ones((), bool), measured.formation),
-    )
 
 
 def replan(state: PlannerState, task: Task, config: PlannerConfig) -> PlannerState:
@@ -173,7 +73,7 @@ def _search(state: PlannerState, task: Task, config: PlannerConfig) -> tuple[Pat
         body,
         config,
     )
-    shapes, found, aim = _in_formation(task, state.formation), chosen.refined, chosen.aim
+    shapes, found, aim = task.in_formation(state.formation).shapes, chosen.refined, chosen.aim
     line = path.straight_poses(state.origin, task.goal.pose, found.poses.shape[0])
     planned = config.reference.plan_path > 0.5
     paced = path.pace(jnp.where(planned, found.poses, line), shapes, body, turn_radius, found.cost, aim)
@@ -188,9 +88,9 @@ def tick(
     """One tick of the planner."""
     horizon, changed = config.horizon, measured.formation != state.formation
     if count(task.formations) > 1:
-        state = select(changed, _regrouped(state, measured, task, config), state)
-    shapes = _in_formation(task, measured.formation)
-    present = dataclasses.replace(task, shapes=shapes)
+        state = select(changed, regrouped(state, measured, task, config), state)
+    present = task.in_formation(measured.formation)
+    shapes = present.shapes
     estimate, parameters, obstacles, force, watched = observe(state, measured, present, config)
     aim = state.path.aim
     progress = reference.advance(
@@ -254,63 +154,6 @@ def _scheduled(progress: Progress, path: Path, situation: Situation, shapes: Sha
     return dataclasses.replace(progress, held=held)
 
 
-def _in_formation(task: Task, formation: Array) -> Shapes:
-    """The geometry with the team in a formation [] int."""
-    return dataclasses.replace(task.shapes, team=team_in(task.shapes.team, task.formations, formation))
-
-
-def _regrouped(state: PlannerState, measured: Measurement, task: Task, config: PlannerConfig) -> PlannerState:
-    """The state of a team that has begun to walk to another formation: no path yet, nobody pushes."""
-    fresh = start(task, measured, config)
-    here = dataclasses.replace(fresh.path, poses=jnp.broadcast_to(state.object.pose, fresh.path.poses.shape))
-    plan = Plan(
-        jnp.broadcast_to(
-            jnp.concatenate([state.object.pose, jnp.zeros(3, here.poses.dtype), measured.offset]),
-            state.solver.plan.xs.shape,
-        ),
-        jnp.zeros_like(state.solver.plan.us),
-    )
-    return dataclasses.replace(
-        state,
-        path=here,
-        progress=fresh.progress,
-        solver=sqp.start(plan, options(config)),
-        force=fresh.force,
-        offset=measured.offset,
-        formation=measured.formation,
-        berth=fresh.berth,
-        walks=state.walks + 1,
-        command=dataclasses.replace(state.command, force=fresh.force, formation=measured.formation),
-    )
-
-
-def regrouping(state: PlannerState, measured: Measurement, task: Task, config: PlannerConfig) -> PlannerState:
-    """The state in which a team that has come to rest at such a place is asked to walk to other faces.
-
-    Where it turns out to have too little room, it plans another way, for which it wants more.
-    """
-    aim, rate, now = state.path.aim, state.object.twist, measured.formation
-    still = (safe_norm(rate[:2]) < reference.STILL[0]) & (jnp.abs(rate[2]) < reference.STILL[1])
-    there = state.progress.resting & (aim.formation != now) & jnp.all(measured.contact) & still
-    given = (state.object.pose, measured.offset, now, aim.formation, task, state.obstacles, config)
-
-    def room(given: tuple[Any, ...]) -> Array:
-        pose, offset, now, wanted, task, obstacles, config = given
-        return regrasp.room_to_walk(pose, offset, now, wanted, task.shapes, task.formations, obstacles, config)
-
-    free = where_needed(there, room, given, jnp.full((), -1.0, aim.beyond.dtype), config.horizon.rest_skips)
-    goes, refused = there & (free > 0.0), there & (free <= 0.0)
-    formation = jnp.where(goes, aim.formation, now)
-    lost = dataclasses.replace(state.path, cost=jnp.full_like(state.path.cost, path.UNPLANNED))
-    return dataclasses.replace(
-        state,
-        path=select(refused, lost, state.path),
-        progress=dataclasses.replace(state.progress, resting=state.progress.resting & ~refused),
-        berth=state.berth + jnp.where(refused, SHY, 0.0),
-        command=dataclasses.replace(state.command, formation=formation),
-    )
-
-
 def observe(
     state: PlannerState, measured: Measurement, task: Task, config: PlannerConfig
 ) -> tuple[ObjectEstimate, ParameterEstimate, ObstacleEstimate, Array, Breakaway]:
@@ -355,8 +198,6 @@ def shift(solver: Iterate, fraction: Array | float) -> Iterate:
     return dataclasses.replace(solver, plan=Plan(xs, us))
 
 
-SHY = 0.05
-"""m, more room that is wanted for walks around the object after there was too little for one"""
 FORCE_LAG = 0.05
 """s, lag of the robots' push that the observer reckons with"""
 

@@ -11,9 +11,10 @@ from jaxlocomanip.loop import task_of
 from jaxlocomanip.planar import dynamics, regressor
 from jaxlocomanip.planar.dynamics import GRAVITY
 from jaxlocomanip.planner import adaptation, nmpc
+from jaxlocomanip.planner import state as planner_state
 from jaxlocomanip.planner.adaptation import ParameterEstimate
 from jaxlocomanip.planner.config import Adaptation, PlannerConfig
-from jaxlocomanip.planner.nmpc import Measurement
+from jaxlocomanip.planner.state import Measurement
 from jaxlocomanip.worlds.interface import Push
 from jaxlocomanip.worlds.planar import PlanarWorld
 
@@ -159,7 +160,7 @@ def test_friction_converges_on_a_pushed_object(make_scenario):
         return (world.step(state, scenario, asked, 0.0, TICK), planner), parameters.psi
 
     start = world.start(scenario)
-    carry = start, nmpc.start(task, measure(start), config)
+    carry = start, planner_state.start(task, measure(start), config)
     _, psis = jax.jit(lambda c: jax.lax.scan(tick, c, jnp.arange(750.0)))(carry)
     friction = np.asarray(psis)[:, FRICTION]
     true = float(scenario.truth.friction_force)
