@@ -1,27 +1,29 @@
-"""What the Gauss-Newton Hessian of a stage of `problem.PushProblem` leaves out: curvature of dynamics and conditions.
+"""What the Gauss-Newton Hessian of `problem.PushProblem` leaves out: curvature of dynamics and conditions.
 
 That is the Hessian by z = [x, u] of lambda' f(z) + sum_i P'(h_i) h_i(z) with the slopes P' held, needed for derivatives
 of the optimum (`solver.implicit`). Composed of small pieces, like the model itself: the friction step in three
 variables, the Lyapunov condition in nine, a barrier in the motion of one disc; rigid motion between them is written
-out. The tests hold it against automatic differentiation.
+out, and so are the barriers. Arrays have stages last, as in `linearisation`. The tests hold it against automatic
+differentiation.
 """
 
 from __future__ import annotations
 
-import dataclasses
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxlocomanip.numerics import apart
 from jaxlocomanip.planar import dynamics
-from jaxlocomanip.planar.geometry import cross, perpendicular, rotate
-from jaxlocomanip.planar.vector import unit, vector
-from jaxlocomanip.planner import barriers
+from jaxlocomanip.planar.geometry import cross
+from jaxlocomanip.planar.vector import Vector, trailing, unit, vector
+from jaxlocomanip.planner import disc_curvature, linearisation
 from jaxlocomanip.planner.constraints import Motion
 from jaxlocomanip.planner.penalty import relaxed_barrier
-from jaxlocomanip.solver.ocp import StageModel
+from jaxlocomanip.solver.layout import added, times, transposed_times
 
 if TYPE_CHECKING:
     from jaxlocomanip.planner.problem import PushProblem, StageData
@@ -29,225 +31,153 @@ if TYPE_CHECKING:
 _THETA, _OMEGA = 2, 5
 
 
-def stage_curvature(
-    problem: PushProblem, x: Array, u: Array, multiplier: Array, model: StageModel, data: StageData
-) -> Array:
-    """[nz, nz] curvature at one stage.
+def curvature(problem: PushProblem, x: Array, u: Array, multiplier: Array, data: StageData) -> Array:
+    """[nz, nz, N] curvature of all stages.
 
     Args:
       problem: the optimal control problem.
-      x: [nx] state.
-      u: [nu] input.
-      multiplier: lambda [nx] of the next state.
-      model: of this stage, for its next state and Jacobian.
-      data: one slice of `problem.stages`.
+      x: [nx, N] states.
+      u: [nu, N] inputs.
+      multiplier: lambda [nx, N] of the next states.
+      data: of the stages.
     """
     n = x.shape[0] - 6
     dt, team = problem.config.horizon.dt, problem.shapes.team
-    acceleration = (model.next_state[3:6] - x[3:6]) / dt
-    motion = Motion(x[:3], x[3:6], acceleration, u[:n], x[6:], u[n:])
-    by_z = jnp.eye(x.shape[0] + 2 * n, dtype=x.dtype)
-    by_acceleration = (model.dynamics[3:6] - by_z[3:6]) / dt
-    discs, by_pull = _disc_part(problem, motion, by_z, by_acceleration, data)
+    step = linearisation.linear_step(problem, x, u)
+    motion = Motion(x[:3], x[3:6], (step.following[3:6] - x[3:6]) / dt, u[:n], x[6:], u[n:])
+    by_acceleration = (step.jacobian[3:6] - jnp.eye(3, 6 + 3 * n, 3, dtype=x.dtype)[..., None]) / dt
 
+    def weights(h: Array, first: int) -> Array:
+        return _slopes(problem, h, first)
+
+    place = 6 * n + team.pair_bounds.shape[0]
+    discs, by_pull = disc_curvature.disc_part(problem, motion, by_acceleration, data, lambda h: weights(h, place + 1))
     # The acceleration is part of the next state, so what pulls at it adds to the multiplier.
-    pulled = multiplier[:6].at[3:].add(by_pull / dt)
-    points = team.contact_points(x[6:])
-    wrench_B = dynamics.body_wrench(points, team.normal, u[:n])
-    core, by_wrench = _step_part(problem, x, wrench_B, pulled)
-    conditioned, by_wrench_too = _lyapunov_part(problem, motion, wrench_B, data)
-    lever = cross(team.tangent, team.normal)
-    arms = cross(points, team.normal)
-    wrench_rows = jnp.sum(team.normal.T[:, :, None] * by_z[None, 6 + n : 6 + 2 * n], axis=1)
-    turning = jnp.sum((u[:n] * lever)[:, None] * by_z[6 : 6 + n] + arms[:, None] * by_z[6 + n : 6 + 2 * n], axis=0)
-    rows = jnp.concatenate([by_z[:6], wrench_rows, turning[None]])
-    pairs = (by_wrench + by_wrench_too)[2] * lever
-    bilinear = jnp.sum(pairs[:, None, None] * by_z[6 : 6 + n, :, None] * by_z[6 + n : 6 + 2 * n, None, :], axis=0)
-    return discs + _congruent(core + conditioned, rows) + bilinear + bilinear.T
+    pulled = jnp.concatenate([multiplier[:3], multiplier[3:6] + by_pull / dt])
+    core, by_wrench = _step_part(problem, x, step.wrench, pulled)
+    clf, by_motion, conditioned = _lyapunov_part(problem, motion, step.wrench, data)
+    weight = weights(clf[None], place)[0]
+    levers = trailing(cross(team.tangent, team.normal), u[:n]) * (by_wrench[2] + weight * by_motion[8])
+    return discs + _by_inputs(core + weight * conditioned, step.wrench_rows, levers)
 
 
-def _congruent(matrix: Array, rows: Array) -> Array:
-    """rows' matrix rows, [..., m, m] and [..., m, nz] -> [..., nz, nz]."""
-    # Sums, because products of tiny matrices are slow library calls under `vmap`.
-    half = jnp.sum(matrix[..., :, :, None] * rows[..., None, :, :], axis=-2)
-    return jnp.sum(rows[..., :, :, None] * half[..., :, None, :], axis=-3)
+@apart
+def _by_inputs(core: Array, wrench_rows: Array, levers: Array) -> Array:
+    """[nz, nz, N] of a Hessian [9, 9, N] by pose, twist and wrench.
+
+    Args:
+      core: the Hessian.
+      wrench_rows: [2 N_r, 3, N] derivatives of the wrench by offsets and forces.
+      levers: [N_r, N] mixed derivatives by each robot's offset and force, at a given Hessian by the wrench.
+    """
+    rows = jnp.swapaxes(wrench_rows, 0, 1)
+    n = levers.shape[0]
+    pairs = jnp.eye(n, dtype=core.dtype)[..., None] * levers[:, None]
+    none = jnp.zeros_like(pairs)
+    bilinear = jnp.concatenate([jnp.concatenate([none, pairs], 1), jnp.concatenate([pairs, none], 1)])
+    across = times(core[:6, 6:], rows)
+    inputs = transposed_times(rows, times(core[6:, 6:], rows)) + bilinear
+    above = jnp.concatenate([core[:6, :6], across], axis=1)
+    below = jnp.concatenate([jnp.swapaxes(across, 0, 1), inputs], axis=1)
+    # Rates of the offsets enter nothing but the discs, and linearly.
+    return jnp.pad(jnp.concatenate([above, below]), ((0, n), (0, n), (0, 0)))
 
 
-def _mixed(value: Array, one: Array, other: Array) -> Array:
-    """value (one other' + other one'), [...] and [..., nz] -> [..., nz, nz]."""
-    product = value[..., None, None] * one[..., :, None] * other[..., None, :]
-    return product + jnp.swapaxes(product, -1, -2)
+def _mixed(one: Array, other: Array) -> Array:
+    """One other' + other one', [m, N] -> [m, m, N]."""
+    product = one[:, None] * other
+    return product + jnp.swapaxes(product, 0, 1)
 
 
-def _dot(a: Array, b: Array) -> Array:
-    return jnp.sum(a * b, axis=-1)
+def _hessian(function: Callable[[Array], Array], at: Array) -> Array:
+    """[m, m, N] derivatives of a function [m, N] -> [m, N], every column of N for itself."""
+    basis = jnp.broadcast_to(jnp.eye(at.shape[0], dtype=at.dtype)[..., None], (at.shape[0], *at.shape))
+    return jax.vmap(lambda way: jax.jvp(function, (at,), (way,))[1])(basis)
 
 
-class _Free(NamedTuple):
-    """The velocity at the centre of mass before friction acts."""
+def _free(problem: PushProblem, x: Array, push: Vector, moment: Array) -> tuple[Array, list[Array]]:
+    """The velocity at the centre of mass before friction acts, [3, N], and its derivatives by pose, twist and wrench.
 
-    value: Array
-    """[3]"""
-    rows: Array
-    """[3, 9] Jacobian by (pose, twist, wrench in body axes)"""
-    push: Array
-    """[2] force half-way through the step, world axes"""
-    gain: Array
-    """[] step length over mass"""
-
-
-def _free(problem: PushProblem, x: Array, wrench_B: Array) -> _Free:
+    Those are [9, N] of each component; the wrench is in body axes, and `push` its force half-way through the step.
+    """
     body, h = problem.body, problem.config.horizon.dt
-    omega = x[_OMEGA]
-    arm = rotate(x[_THETA], body.com)
-    turned = perpendicular(arm)
-    middle, gain, spin = x[_THETA] + 0.5 * h * omega, h / body.mass, h / body.central_inertia
-    push = rotate(middle, wrench_B[:2])
-    moment = wrench_B[2] - cross(body.com, wrench_B[:2])
-    value = jnp.append(x[3:5] + omega * turned + gain * push, omega + spin * moment)
-    by_theta = jnp.append(-omega * arm + gain * perpendicular(push), 0.0)
-    by_omega = jnp.append(turned + 0.5 * h * gain * perpendicular(push), 1.0)
-    along = gain * rotate(middle, jnp.eye(2, dtype=x.dtype))
-    lever = spin * jnp.stack([body.com[1], -body.com[0]])
-    by_push = jnp.concatenate([along, lever[:, None]], axis=1)
-    by_moment = jnp.zeros(3, x.dtype).at[2].set(spin)
-    none, axes = jnp.zeros((2, 3), x.dtype), jnp.eye(2, 3, dtype=x.dtype)
-    rows = jnp.concatenate([none, by_theta[None], axes, by_omega[None], by_push, by_moment[None]]).T
-    return _Free(value, rows, push, gain)
+    omega, com = x[_OMEGA], vector(body.com)
+    arm, middle = com.rotated(unit(x[_THETA])), unit(x[_THETA] + 0.5 * h * omega)
+    gain, spin = h / body.mass, h / body.central_inertia
+    none, one = jnp.zeros_like(omega), jnp.ones_like(omega)
+    by_theta, by_omega = push.turned * gain - arm * omega, arm.turned + push.turned * (0.5 * h * gain)
+    along, aside = middle * gain, middle.turned * gain
+    value = vector(x[3:5]) + arm.turned * omega + push * gain
+    rows = [
+        jnp.stack([none, none, by_theta.x, one, none, by_omega.x, along.x, aside.x, none]),
+        jnp.stack([none, none, by_theta.y, none, one, by_omega.y, along.y, aside.y, none]),
+        jnp.stack([none, none, none, none, none, one, spin * com.y * one, -spin * com.x * one, spin * one]),
+    ]
+    return jnp.stack([value.x, value.y, omega + spin * moment]), rows
 
 
+@apart
 def _step_part(problem: PushProblem, x: Array, wrench_B: Array, multiplier: Array) -> tuple[Array, Array]:
-    """Hessian [9, 9] of multiplier [6]' (pose, twist after the step) by (pose, twist, wrench), gradient [3] by wrench.
+    """Hessian [9, 9, N] of multiplier [6, N]' (pose, twist after the step) by (pose, twist, wrench in body axes).
 
-    The wrench is in body axes.
+    Also its gradient [3, N] by the wrench.
     """
     body, horizon = problem.body, problem.config.horizon
-    h, theta, omega = horizon.dt, x[_THETA], x[_OMEGA]
+    h, theta, omega, com = horizon.dt, x[_THETA], x[_OMEGA], vector(problem.body.com)
     inertia = jnp.stack([body.mass, body.mass, body.central_inertia])
-    to_p, to_v = multiplier[:2], multiplier[3:5]
-    arm, free = rotate(theta, body.com), _free(problem, x, wrench_B)
+    to_p, to_v = vector(multiplier), vector(multiplier[3:])
+    arm, middle = com.rotated(unit(theta)), unit(theta + 0.5 * h * omega)
+    push = vector(wrench_B).rotated(middle)
+    free, free_rows = _free(problem, x, push, wrench_B[2] - com.cross(vector(wrench_B)))
+    rows = jnp.stack(free_rows)
 
     def after(v: Array) -> Array:
         return dynamics.friction_step(inertia, body.friction_force, body.friction_moment, v, h, horizon.smoothing)
 
-    new = after(free.value)
+    new, pullback = jax.vjp(after, free)
     heading = theta + 0.5 * h * (omega + new[2])
-    end = rotate(heading, body.com)
-    at_heading = multiplier[2] - _dot(to_p, perpendicular(end)) + new[2] * _dot(to_v, end)
-    at_spin = 0.5 * h * at_heading - _dot(to_v, perpendicular(end)) + multiplier[5]
-    at_new = jnp.append(0.5 * h * to_p + to_v, at_spin)
-
-    def pulled(v: Array) -> tuple[Array, Array]:
-        (slope,) = jax.vjp(after, v)[1](at_new)
-        return slope, slope
-
-    curved, at_free = jax.jacfwd(pulled, has_aux=True)(free.value)
-    basis = jnp.eye(9, dtype=x.dtype)
-    by_spin = jnp.sum(jax.jacfwd(after)(free.value)[2][:, None] * free.rows, axis=0)
+    end = com.rotated(unit(heading))
+    at_heading = multiplier[2] - to_p.dot(end.turned) + new[2] * to_v.dot(end)
+    at_spin = 0.5 * h * at_heading - to_v.dot(end.turned) + multiplier[5]
+    at_new = jnp.stack([0.5 * h * to_p.x + to_v.x, 0.5 * h * to_p.y + to_v.y, at_spin])
+    curved = _hessian(lambda v: jax.vjp(after, v)[1](at_new)[0], free)
+    (at_free,) = pullback(at_new)
+    (of_spin,) = pullback(jnp.zeros_like(free).at[2].set(1.0))
+    by_spin = added([change * row for change, row in zip(of_spin, free_rows, strict=True)])
+    basis = jnp.eye(9, dtype=x.dtype)[..., None]
     by_heading = basis[_THETA] + 0.5 * h * (basis[_OMEGA] + by_spin)
-    bend = _dot(to_p, end) + new[2] * _dot(to_v, perpendicular(end))
-    total = _congruent(curved, free.rows) + bend * by_heading[:, None] * by_heading
-    total = total + _mixed(_dot(to_v, end), by_heading, by_spin)
+    bend = to_p.dot(end) + new[2] * to_v.dot(end.turned)
+    at_push, at_old = vector(at_free), vector(at_free) + to_p * (0.5 * h)
     # The old velocity bends with the heading, the push with the heading half-way.
-    at_old = at_free[:2] + 0.5 * h * to_p
-    turn = -omega * _dot(at_old, perpendicular(arm)) - _dot(to_p, arm)
-    total = (
-        total + turn * basis[_THETA][:, None] * basis[_THETA] - _mixed(_dot(at_old, arm), basis[_THETA], basis[_OMEGA])
-    )
+    turn = -omega * at_old.dot(arm.turned) - to_p.dot(arm)
     half = basis[_THETA] + 0.5 * h * basis[_OMEGA]
-    total = total - free.gain * _dot(at_free[:2], free.push) * half[:, None] * half
-    across = rotate(-theta - 0.5 * h * omega, -perpendicular(at_free[:2]))
-    spread = free.gain * jnp.zeros(9, x.dtype).at[6:8].set(across)
-    total = total + _mixed(jnp.ones_like(theta), half, spread)
-    return total, jnp.sum(at_free[:, None] * free.rows[:, 6:], axis=0)
+    gain = h / body.mass
+    across = at_push.turned.rotated(Vector(middle.x, -middle.y)) * -gain
+    spread = basis[6] * across.x + basis[7] * across.y - 0.5 * gain * at_push.dot(push) * half
+    total = transposed_times(rows, times(curved, rows)) + _mixed(by_heading, 0.5 * bend * by_heading)
+    total = total + _mixed(by_heading, to_v.dot(end) * by_spin) + _mixed(half, spread)
+    total = total + _mixed(basis[_THETA], 0.5 * turn * basis[_THETA] - at_old.dot(arm) * basis[_OMEGA])
+    return total, added([change * row[6:] for change, row in zip(at_free, free_rows, strict=True)])
 
 
-def _lyapunov_part(problem: PushProblem, motion: Motion, wrench_B: Array, data: StageData) -> tuple[Array, Array]:
-    """Weighted Hessian [9, 9] of the Lyapunov condition by (pose, twist, wrench), gradient [3] by the wrench."""
-    team = problem.shapes.team
-    place = 6 * motion.force.shape[0] + team.pair_bounds.shape[0]
+@apart
+def _lyapunov_part(
+    problem: PushProblem, motion: Motion, wrench_B: Array, data: StageData
+) -> tuple[Array, Array, Array]:
+    """The Lyapunov condition [N], its gradient [9, N] and Hessian [9, 9, N] by (pose, twist, wrench in body axes)."""
 
     def condition(y: Array) -> Array:
         return problem.lyapunov(y[:3], y[3:6], y[6:], data)
 
+    def slope(y: Array) -> Array:
+        value, pullback = jax.vjp(condition, y)
+        return pullback(jnp.ones_like(value))[0]
+
     y = jnp.concatenate([motion.pose, motion.twist, wrench_B])
-    value, gradient = jax.value_and_grad(condition)(y)
-    weight = _slopes(problem, value[None], place)[0]
-    return weight * jax.jacfwd(jax.grad(condition))(y), weight * gradient[6:]
+    return condition(y), slope(y), _hessian(slope, y)
 
 
 def _slopes(problem: PushProblem, h: Array, first: int) -> Array:
-    """P' [m] of the inequalities h [m] that begin at row `first`."""
-    rows = jax.tree.map(lambda v: v[first : first + h.shape[0]], problem.barriers)
+    """P' [m, N] of the inequalities h [m, N] that begin at row `first`."""
+    rows = jax.tree.map(lambda v: trailing(v[first : first + h.shape[0]], h), problem.barriers)
     return relaxed_barrier(h, problem.config.horizon.dt * rows.weight, rows.switch, rows.reach).slope
-
-
-def _disc_part(
-    problem: PushProblem, motion: Motion, by_z: Array, by_acceleration: Array, data: StageData
-) -> tuple[Array, Array]:
-    """Curvature [nz, nz] of the discs' conditions at given curvature of the acceleration, gradient [3] by it."""
-    n = motion.force.shape[0]
-    curved, gradient, moving, sliding = _weighted(problem, motion, data)
-    at_center, at_speed, at_pull = gradient[:, :2], gradient[:, 2:4], gradient[:, 4:]
-    omega, alpha = motion.twist[2], motion.acceleration[2]
-    arm, along = (jnp.stack([v.x, v.y], axis=1) for v in (moving.arm, moving.slide))
-    turned, across, rate = perpendicular(arm), perpendicular(along), sliding
-    owned = barriers.by_disc(jnp.eye(n, dtype=arm.dtype), problem.shapes)
-    offset = jnp.sum(owned[:, :, None] * by_z[6 : 6 + n], axis=1)
-    slide = jnp.sum(owned[:, :, None] * by_z[6 + 2 * n :], axis=1)
-    theta, spin = (jnp.broadcast_to(by_z[i], offset.shape) for i in (_THETA, _OMEGA))
-    swing = jnp.broadcast_to(by_acceleration[2], offset.shape)
-    rows = jnp.concatenate(
-        [
-            by_z[:2] + turned[..., None] * theta[:, None] + along[..., None] * offset[:, None],
-            by_z[3:5]
-            + (rate[:, None] * across - omega * arm)[..., None] * theta[:, None]
-            + turned[..., None] * spin[:, None]
-            + omega * across[..., None] * offset[:, None]
-            + along[..., None] * slide[:, None],
-            by_acceleration[:2]
-            - (alpha * arm + omega**2 * turned)[..., None] * theta[:, None]
-            - 2.0 * omega * arm[..., None] * spin[:, None]
-            + turned[..., None] * swing[:, None],
-        ],
-        axis=1,
-    )
-    out, around, lead = _dot(at_pull, arm), _dot(at_pull, turned), _dot(at_speed, across)
-    bend = -_dot(at_center, arm) - omega * _dot(at_speed, turned) - rate * _dot(at_speed, along)
-    bend = bend - alpha * around + omega**2 * out
-    total = _congruent(curved, rows) + 0.5 * _mixed(bend, theta, theta) - _mixed(out, spin, spin)
-    total = total + _mixed(-_dot(at_speed, arm) - 2.0 * omega * around, theta, spin) - _mixed(out, theta, swing)
-    total = total + _mixed(_dot(at_center, across) - omega * _dot(at_speed, along), theta, offset)
-    total = total + _mixed(lead, spin, offset) + _mixed(lead, theta, slide)
-    return jnp.sum(total, axis=0), jnp.append(jnp.sum(at_pull, axis=0), jnp.sum(around))
-
-
-def _weighted(problem: PushProblem, motion: Motion, data: StageData) -> tuple[Array, Array, barriers.DiscMotion, Array]:
-    """Hessians [D, 6, 6] and gradients [D, 6] of the discs' conditions by centre, velocity and acceleration.
-
-    They are weighted by P' and summed over obstacles. Also the motion of the discs, leaves [D], and their rates of
-    sliding [D].
-    """
-    settings, shapes, heading = problem.config.constraints, problem.shapes, unit(motion.pose[2])
-    every, sliding = barriers.discs(shapes, settings), barriers.by_disc(motion.offset_rate, shapes)
-    moving = jax.vmap(barriers.disc_motion, (0, 0, 0, None, None))(
-        every, barriers.by_disc(motion.offset, shapes), sliding, motion, heading
-    )
-
-    def condition(v: Array, disc: barriers.Discs, obstacle: barriers.Obstacles) -> Array:
-        now = dataclasses.replace(moving, center=vector(v), speed=vector(v[2:]), pull=vector(v[4:]))
-        return barriers.condition(disc, now, barriers.approach(disc, now.center, obstacle), obstacle, settings)
-
-    def slope(v: Array, disc: barriers.Discs, obstacle: barriers.Obstacles) -> tuple[Array, tuple[Array, Array]]:
-        value, gradient = jax.value_and_grad(condition)(v, disc, obstacle)
-        return gradient, (value, gradient)
-
-    per_obstacle = jax.vmap(jax.jacfwd(slope, has_aux=True), (None, None, 0))
-    seen = barriers.Obstacles(feature=0, place=None, drift=None, rounding=None)  # pyright: ignore[reportArgumentType]
-    parts = (moving.center, moving.speed, moving.pull)
-    six = jnp.stack([component for v in parts for component in (v.x, v.y)], axis=1)
-    curved, (values, gradients) = jax.vmap(per_obstacle, (0, 0, seen))(six, every, data.obstacles)
-    first = 6 * motion.force.shape[0] + shapes.team.pair_bounds.shape[0] + 1
-    weight = _slopes(problem, values.reshape(-1), first).reshape(values.shape)
-    curved, gradient = jnp.sum(weight[..., None, None] * curved, axis=1), jnp.sum(weight[..., None] * gradients, axis=1)
-    return curved, gradient, moving, sliding

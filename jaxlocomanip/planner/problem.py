@@ -160,9 +160,10 @@ class PushProblem:
         every = linearisation.model(self, wide(plan.xs[:-1]), wide(plan.us), self.horizon)
         return jax.tree.map(lambda leaf: leaf[: self.steps], every)
 
-    def curvature(self, x: Array, u: Array, multiplier: Array, model: StageModel, data: StageData) -> Array:
-        """What the model's Hessian leaves out (`solver.implicit.Curved`)."""
-        return curvature.stage_curvature(self, x, u, multiplier, model, data)
+    def curvature(self, plan: Plan, multipliers: Array) -> Array:
+        """What the models' Hessians leave out (`solver.implicit.Curved`)."""
+        every = curvature.curvature(self, wide(plan.xs[:-1]), wide(plan.us), wide(multipliers), self.horizon)
+        return jnp.moveaxis(every, -1, 0)[: self.steps]
 
     def terminal(self, x: Array) -> Array:
         """Weighted terminal error."""

@@ -50,10 +50,7 @@ def assemble(make_scenario, robots, config):
 
 
 def written(made, plan, multipliers):
-    def one(x, u, multiplier, data):
-        return made.curvature(x, u, multiplier, made.model(x, u, data), data)
-
-    return jax.vmap(one)(plan.xs[:-1], plan.us, multipliers, made.stages)
+    return made.curvature(plan, multipliers)
 
 
 def automatic(made, plan, multipliers):
