@@ -34,6 +34,8 @@ Floats = NDArray[np.floating[Any]]
 
 TRIALS = 8
 """random places that are tried around a scenario of a study before the next one is drawn"""
+BATCH = 8
+"""episodes that are simulated side by side"""
 HALVINGS = 3
 """times that a step to an impossible scenario is halved before it is given up"""
 
@@ -42,24 +44,34 @@ HALVINGS = 3
 class Search:
     """How long and how wide to search."""
 
-    screened: int = 128
-    """random scenarios to begin with: most of the budget, since what is improved is as bad as these are"""
+    screened: int = 64
+    """random scenarios to begin with"""
     lanes: int = 8
     """of them, the worst, are improved"""
-    rounds: int = 2
-    """gradients taken of each of these"""
-    steps: tuple[float, ...] = (0.02, 0.06, 0.2, 0.5)
-    """changes of every coordinate, down its gradient, that are tried; the box is 2 wide"""
+    rounds: int = 4
+    """gradients taken of each of these, of the better half only in each round but the first"""
+    least: int = 2
+    """lanes that are improved to the end"""
+    steps: tuple[float, ...] = (0.3, 1.0, 3.0)
+    """lengths that are tried along the gradient, in multiples of what was last the best one of the lane"""
+    first: float = 0.1
+    """length at the beginning: of the coordinate that moves most; the box is 2 wide"""
+    window: int = 20
+    """ticks up to the closest approach that are differentiated"""
     memory: float = 0.03
     """s, time constant with which gradients fade back in time (`gradients.soft_outcome`)"""
-    gradient_cost: float = 8.0
+    gradient_cost: float = 1.5
     """episodes that take as long as one gradient"""
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        """Lanes that are improved in each round."""
+        return tuple(max(self.lanes >> k, min(self.least, self.lanes)) for k in range(self.rounds))
 
     @property
     def episodes(self) -> int:
         """Episodes that the search costs."""
-        each = self.gradient_cost + len(self.steps)
-        return math.ceil(self.screened + self.lanes * self.rounds * each)
+        return math.ceil(self.screened + sum(self.widths) * (self.gradient_cost + len(self.steps)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,24 +116,56 @@ def falsify(
     plan, box = search or Search(), bounds or Bounds()
     if plan.screened < plan.lanes or plan.lanes < 1:
         raise InputError(f"search.lanes = {plan.lanes}: must be >= 1 and <= search.screened = {plan.screened}")
-    trial = Trials(study, config, box, plan.lanes * len(plan.steps), plan.memory)
+    trial = Trials(study, config, box, BATCH, plan.window, plan.memory)
     begun = trial.run(list(_random_places(study, seed, plan.screened, box)))
-    begun.sort(key=lambda pair: pair[1].clearance)
-    best = begun[: plan.lanes]
-    say(f"{plan.screened} random scenarios: least clearance {best[0][1].clearance:.3f} m")
-    for number in range(plan.rounds):
-        gradients = trial.gradients([place for place, _ in best])
-        tried = [
-            _step(place, g, size, box) for (place, _), g in zip(best, gradients, strict=True) for size in plan.steps
-        ]
-        results = trial.run(tried)
+    best = [_Lane(place, found, plan.first) for place, found in begun]
+    best = _sorted(best)[: plan.lanes]
+    say(f"{plan.screened} random scenarios: least clearance {best[0].found.clearance:.3f} m")
+    for number, width in enumerate(plan.widths):
+        rng = np.random.default_rng([seed, number])
+        best = _sorted(_improved(trial, best[:width], plan, box, rng) + best[width:])
+        say(f"round {number + 1}: least clearance {best[0].found.clearance:.3f} m")
+    return _falsified([lane.found for lane in best], plan.episodes)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Lane:
+    """The worst that was made of a scenario of the study."""
+
+    place: Place
+    found: Found
+    length: float
+    """of the next step"""
+
+
+def _sorted(lanes: Sequence[_Lane]) -> list[_Lane]:
+    return sorted(lanes, key=lambda lane: lane.found.clearance)
+
+
+def _improved(
+    trial: Trials, lanes: Sequence[_Lane], plan: Search, bounds: Bounds, rng: np.random.Generator
+) -> list[_Lane]:
+    """Each lane after a step of the best of several lengths down its gradient, or as it was."""
+    slopes = trial.gradients([lane.place for lane in lanes])
+    # Where a gradient says nothing, some direction does better than none.
+    gradients = [slope if slope.any() else rng.standard_normal(slope.shape) for slope in slopes]
+    lengths = [[lane.length * factor for factor in plan.steps] for lane in lanes]
+    tried = [
+        _step(lane.place, gradient, length, bounds)
+        for lane, gradient, some in zip(lanes, gradients, lengths, strict=True)
+        for length in some
+    ]
+    results = trial.run(tried)
+    new: list[_Lane] = []
+    for k, lane in enumerate(lanes):
         count = len(plan.steps)
-        best = [
-            min([best[k], *results[k * count : (k + 1) * count]], key=lambda pair: pair[1].clearance)
-            for k in range(len(best))
+        ways = [
+            _Lane(place, found, length)
+            for (place, found), length in zip(results[k * count : (k + 1) * count], lengths[k], strict=True)
         ]
-        say(f"round {number + 1}: least clearance {min(found.clearance for _, found in best):.3f} m")
-    return _falsified([found for _, found in best], plan.episodes)
+        shorter = dataclasses.replace(lane, length=min(lengths[k]) * min(plan.steps))
+        new.append(min([shorter, *ways], key=lambda one: one.found.clearance))
+    return new
 
 
 def sample_worst(
@@ -130,7 +174,6 @@ def sample_worst(
     episodes: int,
     seed: int = 0,
     keep: int = 16,
-    lanes: int = 64,
     bounds: Bounds | None = None,
 ) -> Falsified:
     """The worst of random scenarios: those that `falsify` of this seed begins with, and more of the same.
@@ -141,11 +184,10 @@ def sample_worst(
       episodes: how many.
       seed: of scenarios and noise.
       keep: how many to return.
-      lanes: episodes in one batch.
       bounds: how far scenarios may be varied.
     """
     box = bounds or Bounds()
-    pairs = Trials(study, config, box, lanes, math.inf).run(list(_random_places(study, seed, episodes, box)))
+    pairs = Trials(study, config, box, BATCH).run(list(_random_places(study, seed, episodes, box)))
     found = sorted((found for _, found in pairs), key=lambda one: one.clearance)
     return _falsified(found[:keep], episodes)
 
@@ -173,18 +215,16 @@ def _random_places(study: Study, seed: int, count: int, bounds: Bounds) -> Itera
         index += 1
 
 
-def _step(place: Place, gradient: Floats, size: float, bounds: Bounds) -> Place:
+def _step(place: Place, gradient: Floats, length: float, bounds: Bounds) -> Place:
     """The scenario a step down the gradient, or as far on the way as it can be solved.
 
-    Each coordinate moves by `size`, the steepest descent within a box: where pushing is unstable, some components are
-    larger than others by orders of magnitude, and along the gradient itself only those would move.
+    The coordinate with the largest slope moves by `length`, the others in proportion.
     """
-    if not np.isfinite(gradient).all() or not gradient.any():
-        return place
+    steepest = np.abs(gradient).max()
     for _ in range(HALVINGS + 1):
-        where = np.clip(place.coordinates - size * np.sign(gradient), -1.0, 1.0)
+        where = np.clip(place.coordinates - length * gradient / steepest, -1.0, 1.0)
         new = place_at(place.lane, place.seed, where, bounds)
         if new is not None:
             return new
-        size *= 0.5
+        length *= 0.5
     return place

@@ -32,7 +32,7 @@ from jax import Array
 from jaxlocomanip import loop as closing
 from jaxlocomanip.loop import Loop
 from jaxlocomanip.numerics import Floats, pytree, safe_norm, select, wrap_angle
-from jaxlocomanip.outcome import gaps
+from jaxlocomanip.outcome import gaps, nearest
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.worlds.interface import View
@@ -58,6 +58,8 @@ class SoftOutcome:
     """[] integral of the squared pushes"""
     clearance_m: Array
     """[] soft minimum, over bodies, obstacles and ticks, of the distances between true shapes"""
+    team_clearance_m: Array
+    """[] the same over pairs of robots"""
     time_s: Array
     """[] time outside the goal tolerances, which fade smoothly"""
     goal_error_m2: Array
@@ -67,23 +69,26 @@ class SoftOutcome:
 
 
 @pytree
-class _Sums:
+class Sums:
     """Running sums of the soft outcome."""
 
     path_error: Array
     effort: Array
     nearness: Array
-    """mean of exp(-distance / SHARPNESS), as an exponent beside the largest one so far"""
+    """[2] sums of exp(-distance / SHARPNESS) over obstacles and over robots, as multiples of the largest one so far"""
     largest: Array
+    """[2] the largest exponents"""
     time: Array
 
 
 @pytree
-class _Carry:
+class Episode:
+    """What is carried from tick to tick."""
+
     loop: Loop
     world: PlanarState
     view: View
-    sums: _Sums
+    sums: Sums
 
 
 def soft_outcome(
@@ -107,33 +112,56 @@ def soft_outcome(
     Returns:
       The soft outcome.
     """
-    config = dataclasses.replace(config, horizon=dataclasses.replace(config.horizon, rest_skips=False))
-    noise = jax.random.key(0) if key is None else key
+    config, noise = planning(config), jax.random.key(0) if key is None else key
+    kept = share_kept(config, memory)
+    length = min(closing.ticks_per_search(config), ticks)
+
+    def tick(carry: Episode, _: None) -> tuple[Episode, None]:
+        return advance(faded(carry, kept), scenario, config, world, noise, ticks), None
+
+    def block(carry: Episode, _: None) -> tuple[Episode, None]:
+        return jax.lax.scan(jax.checkpoint(tick), searched(carry, scenario, config), None, length=length)
+
+    start = begin(scenario, config, world, noise)
+    end, _ = jax.lax.scan(jax.checkpoint(block), start, None, length=-(-ticks // length))
+    return _summary(end, scenario, ticks)
+
+
+def planning(config: PlannerConfig) -> PlannerConfig:
+    """Settings with which lanes at rest plan as well."""
+    return dataclasses.replace(config, horizon=dataclasses.replace(config.horizon, rest_skips=False))
+
+
+def share_kept(config: PlannerConfig, memory: Floats) -> Array:
+    """Share of a derivative that is left a tick earlier."""
+    return jnp.exp(-config.horizon.tick / jnp.asarray(memory, jnp.result_type(float)))
+
+
+def begin(scenario: Scenario, config: PlannerConfig, world: PlanarWorld, key: Array) -> Episode:
+    """An episode before its first tick."""
     state = world.start(scenario)
     view = world.view(state, scenario)
-    zero = jnp.zeros((), scenario.start.dtype)
-    sums = _Sums(zero, zero, zero, zero - FAR / SHARPNESS, zero)
-    start = _Carry(closing.begin(scenario, config, noise, view), state, view, sums)
-    length = min(closing.ticks_per_search(config), ticks)
-    kept = jnp.exp(-config.horizon.tick / jnp.asarray(memory, zero.dtype))
-
-    def tick(carry: _Carry, _: None) -> tuple[_Carry, None]:
-        return _tick(_faded(carry, kept), scenario, config, world, noise, ticks), None
-
-    def block(carry: _Carry, _: None) -> tuple[_Carry, None]:
-        loop = closing.replan(carry.loop, scenario, config)
-        # Points of a path may coincide, where its length has no derivative.
-        planner = dataclasses.replace(loop.planner, path=jax.lax.stop_gradient(loop.planner.path))
-        begun = dataclasses.replace(carry, loop=dataclasses.replace(loop, planner=planner))
-        return jax.lax.scan(jax.checkpoint(tick), begun, None, length=length)
-
-    end, _ = jax.lax.scan(jax.checkpoint(block), start, None, length=-(-ticks // length))
-    return _summary(end, scenario, config, ticks)
+    return Episode(closing.begin(scenario, config, key, view), state, view, nothing(scenario))
 
 
-def _tick(
-    carry: _Carry, scenario: Scenario, config: PlannerConfig, world: PlanarWorld, key: Array, ticks: int
-) -> _Carry:
+def nothing(scenario: Scenario) -> Sums:
+    """Sums over no ticks."""
+    zero, none = jnp.zeros((), scenario.start.dtype), jnp.zeros(2, scenario.start.dtype)
+    return Sums(zero, zero, none, none - FAR / SHARPNESS, zero)
+
+
+def searched(carry: Episode, scenario: Scenario, config: PlannerConfig) -> Episode:
+    """The episode with its path searched anew, and held fixed."""
+    loop = closing.replan(carry.loop, scenario, config)
+    # Points of a path may coincide, where its length has no derivative.
+    planner = dataclasses.replace(loop.planner, path=jax.lax.stop_gradient(loop.planner.path))
+    return dataclasses.replace(carry, loop=dataclasses.replace(loop, planner=planner))
+
+
+def advance(
+    carry: Episode, scenario: Scenario, config: PlannerConfig, world: PlanarWorld, key: Array, ticks: int
+) -> Episode:
+    """One tick of the episode, whose derivative is finite."""
     loop, view, period = carry.loop, carry.view, config.horizon.tick
     decision = closing.decide(loop, view, scenario, config, key, record=True)
     new = world.step(carry.world, scenario, decision.push, loop.tick * period, period)
@@ -142,7 +170,7 @@ def _tick(
     assert decision.row is not None
     sums = _add(carry.sums, after, decision.row.report.target, scenario, (loop.tick + 1) * period, period)
     counts = loop.tick < ticks
-    moved = _Carry(_held(settled), *select(moves, (new, after, sums), (carry.world, view, carry.sums)))
+    moved = Episode(_held(settled), *select(moves, (new, after, sums), (carry.world, view, carry.sums)))
     return select(counts, moved, carry)
 
 
@@ -159,14 +187,14 @@ def _fade_jvp(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tu
     return value, kept * change
 
 
-def _faded(carry: _Carry, kept: Array) -> _Carry:
+def faded(carry: Episode, kept: Array) -> Episode:
     """The state of the loop and of the world with derivatives that fade; the sums keep theirs."""
 
     def fade(leaf: Array) -> Array:
         return _fade(leaf, kept) if jnp.issubdtype(leaf.dtype, jnp.floating) else leaf
 
     loop, world, view = jax.tree.map(fade, (carry.loop, carry.world, carry.view))
-    return _Carry(loop, world, view, carry.sums)
+    return Episode(loop, world, view, carry.sums)
 
 
 def _held(loop: Loop) -> Loop:
@@ -182,13 +210,17 @@ def _held(loop: Loop) -> Loop:
     return dataclasses.replace(loop, planner=planner, tally=tally, least=least)
 
 
-def _add(sums: _Sums, view: View, target: Array, scenario: Scenario, time: Array, period: float) -> _Sums:
+def _add(sums: Sums, view: View, target: Array, scenario: Scenario, time: Array, period: float) -> Sums:
     off = view.pose[:2] - target[:2]
-    near = -jnp.minimum(gaps(scenario, view, scenario.obstacles.at(time)), FAR) / SHARPNESS
-    largest = jax.lax.stop_gradient(jnp.maximum(sums.largest, jnp.max(near)))
-    nearness = sums.nearness * jnp.exp(sums.largest - largest) + jnp.sum(jnp.exp(near - largest))
+    apart = gaps(scenario, view, scenario.obstacles.at(time))
+    team = nearest(scenario, view, apart).team
+    near = [-jnp.minimum(distances, FAR) / SHARPNESS for distances in (apart, team)]
+    largest = jnp.maximum(sums.largest, jnp.stack([jnp.max(some) for some in near]))
+    largest = jax.lax.stop_gradient(largest)
+    more = jnp.stack([jnp.sum(jnp.exp(some - most)) for some, most in zip(near, largest, strict=True)])
+    nearness = sums.nearness * jnp.exp(sums.largest - largest) + more
     outside = jax.nn.sigmoid((safe_norm(_misfit(scenario, view.pose)) - 1.0) / ARRIVAL_WIDTH)
-    return _Sums(
+    return Sums(
         sums.path_error + jnp.sum(off * off),
         sums.effort + period * jnp.sum(view.force**2),
         nearness,
@@ -204,14 +236,20 @@ def _misfit(scenario: Scenario, pose: Array) -> Array:
     return jnp.concatenate([off[:2] / goal.position_tolerance, turn])
 
 
-def _summary(end: _Carry, scenario: Scenario, config: PlannerConfig, ticks: int) -> SoftOutcome:
-    del config
-    sums, off = end.sums, end.view.pose - scenario.goal.pose
+def soft_clearances(sums: Sums, ticks: int) -> Array:
+    """[2] m, soft minima of the clearances to obstacles and between robots."""
     # Per tick, so that a clearance held for the whole episode is reported as it is.
+    return -SHARPNESS * (sums.largest + jnp.log(sums.nearness / ticks))
+
+
+def _summary(end: Episode, scenario: Scenario, ticks: int) -> SoftOutcome:
+    sums, off = end.sums, end.view.pose - scenario.goal.pose
+    to_obstacles, between = soft_clearances(sums, ticks)
     return SoftOutcome(
         path_error_m2=sums.path_error / ticks,
         effort_n2s=sums.effort,
-        clearance_m=-SHARPNESS * (sums.largest + jnp.log(sums.nearness / ticks)),
+        clearance_m=to_obstacles,
+        team_clearance_m=between,
         time_s=sums.time,
         goal_error_m2=jnp.sum(off[:2] ** 2),
         heading_error_rad2=wrap_angle(off[2]) ** 2,

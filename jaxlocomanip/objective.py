@@ -30,7 +30,7 @@ class Objective:
     """Loss of a scenario, from its soft outcome."""
 
     clearance: float = 0.05
-    """m, wanted between bodies and obstacles"""
+    """m, wanted between bodies and obstacles, and between robots"""
     softness: float = 0.02
     """m, over which the penalty of less sets in"""
     danger: float = 20.0
@@ -46,7 +46,8 @@ class Objective:
 def loss(outcome: SoftOutcome, scenario: Scenario, objective: Objective) -> Array:
     """[] loss of an episode: finite and, but for the missing clearance and the effort, of slow growth."""
     goal, soft = scenario.goal, objective.softness
-    missing = soft * jax.nn.softplus((objective.clearance - outcome.clearance_m) / soft)
+    clearances = jnp.stack([outcome.clearance_m, outcome.team_clearance_m])
+    missing = jnp.sum(soft * jax.nn.softplus((objective.clearance - clearances) / soft))
     arrival = jnp.log1p(outcome.goal_error_m2 / goal.position_tolerance**2)
     arrival += jnp.log1p(outcome.heading_error_rad2 / goal.heading_tolerance**2)
     time = outcome.time_s / scenario.duration

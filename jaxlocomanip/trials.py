@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -14,8 +14,8 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from jaxlocomanip.approach import closest_approach
 from jaxlocomanip.closed_loop import episode
-from jaxlocomanip.gradients import soft_outcome
 from jaxlocomanip.outcome import Outcome
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.sampling.feasibility import judged
@@ -66,20 +66,22 @@ def place_at(lane: Lane, seed: int, coordinates: Floats, bounds: Bounds) -> Plac
 class Trials:
     """Runs scenarios of a study, and takes gradients of them, in batches of one shape each."""
 
-    def __init__(self, study: Study, config: PlannerConfig, bounds: Bounds, lanes: int, memory: float) -> None:
+    def __init__(
+        self, study: Study, config: PlannerConfig, bounds: Bounds, lanes: int, window: int = 1, memory: float = math.inf
+    ) -> None:
+        """Batches of so many lanes; gradients over a window of so many ticks (`approach.closest_approach`)."""
         self._config = jax.tree.map(jnp.asarray, config)
         self._bounds = jax.tree.map(jnp.asarray, bounds)
         self._padding = padding(study)
         self._ticks = math.ceil(longest(study) / config.horizon.tick - 1e-6)
         self._lanes = lanes
+        self._window = window
         self._memory = jnp.asarray(memory)
 
     def run(self, places: Sequence[Place]) -> list[tuple[Place, Found]]:
         """Each with its outcome."""
         pairs: list[tuple[Place, Found]] = []
-        for first in range(0, len(places), self._lanes):
-            part = list(places[first : first + self._lanes])
-            full = part + part[-1:] * (self._lanes - len(part))
+        for part, full in self._batches(places):
             scenarios = stack([place.scenario for place in full], self._padding)
             world = PlanarWorld().prepare(scenarios)
             outcome = _outcomes(scenarios, self._config, _seeds(full), world, ticks=self._ticks)
@@ -89,6 +91,15 @@ class Trials:
 
     def gradients(self, places: Sequence[Place]) -> list[Floats]:
         """Of the soft clearance by the coordinates [d] of each place; zero where they are not finite."""
+        rows: list[Floats] = []
+        for part, full in self._batches(places):
+            slopes = self._slopes(full)
+            finite = np.isfinite(slopes).all(axis=1, keepdims=True)
+            every = np.where(finite, slopes, 0.0)
+            rows += [row[: len(place.coordinates)] for row, place in zip(every, part, strict=False)]
+        return rows
+
+    def _slopes(self, places: Sequence[Place]) -> Floats:
         scenarios = stack([place.lane.scenario for place in places], self._padding)
         scenarios = dataclasses.replace(scenarios, index=jnp.zeros_like(scenarios.index))
         coordinates = np.zeros((len(places), dimension(jax.tree.map(lambda leaf: leaf[0], scenarios))))
@@ -96,10 +107,13 @@ class Trials:
             row[: len(place.coordinates)] = place.coordinates
         where = jnp.asarray(coordinates, scenarios.start.dtype)
         given = (where, scenarios, self._config, _seeds(places), self._bounds, self._memory)
-        slopes = np.asarray(_slopes(*given, ticks=self._ticks), float)
-        finite = np.isfinite(slopes).all(axis=1, keepdims=True)
-        rows = np.where(finite, slopes, 0.0)
-        return [row[: len(place.coordinates)] for row, place in zip(rows, places, strict=True)]
+        return np.asarray(_slopes(*given, ticks=self._ticks, window=self._window), float)
+
+    def _batches(self, places: Sequence[Place]) -> Iterator[tuple[list[Place], list[Place]]]:
+        """Places in groups, and each group filled up to the size of a batch."""
+        for first in range(0, len(places), self._lanes):
+            part = list(places[first : first + self._lanes])
+            yield part, part + part[-1:] * (self._lanes - len(part))
 
 
 def _seeds(places: Sequence[Place]) -> Array:
@@ -116,7 +130,7 @@ def _outcomes(scenarios: Scenario, config: PlannerConfig, seeds: Array, world: P
     return jax.vmap(one)(scenarios, seeds, world)
 
 
-@partial(jax.jit, static_argnames="ticks")
+@partial(jax.jit, static_argnames=("ticks", "window"))
 def _slopes(
     coordinates: Array,
     scenarios: Scenario,
@@ -126,12 +140,13 @@ def _slopes(
     memory: Array,
     *,
     ticks: int,
+    window: int,
 ) -> Array:
     """[B, d] gradients of the soft clearance."""
 
     def clearance(where: Array, scenario: Scenario, seed: Array) -> Array:
         made = vary(scenario, where, bounds)
-        return soft_outcome(made, config, ticks, key=jax.random.key(seed), memory=memory).clearance_m
+        return closest_approach(made, config, ticks, window, key=jax.random.key(seed), memory=memory)
 
     return jax.vmap(jax.grad(clearance))(coordinates, scenarios, seeds)
 

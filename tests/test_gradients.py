@@ -33,6 +33,7 @@ def total(outcome):
         outcome.path_error_m2
         + 1e-4 * outcome.effort_n2s
         + outcome.clearance_m
+        + outcome.team_clearance_m
         + outcome.time_s
         + outcome.goal_error_m2
         + outcome.heading_error_rad2

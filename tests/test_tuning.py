@@ -154,6 +154,7 @@ def outcome(**changes):
         "path_error_m2": 0.01,
         "effort_n2s": 1e3,
         "clearance_m": 0.3,
+        "team_clearance_m": 0.2,
         "time_s": 1.5,
         "goal_error_m2": 0.01,
         "heading_error_rad2": 0.01,
@@ -173,6 +174,7 @@ def test_the_loss_knows_what_is_better(make_scenario):
     assert of() < of(effort_n2s=1e4)
     # Ten centimetres of missing clearance outweigh arriving.
     assert of(clearance_m=-0.1) > of(goal_error_m2=0.2)
+    assert of(team_clearance_m=-0.1) == pytest.approx(of(clearance_m=-0.1), rel=0.01)
     assert of(clearance_m=1.0) == pytest.approx(of(clearance_m=2.0), rel=1e-4)
 
 

@@ -22,9 +22,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("study", metavar="STUDY", help="name of a study or path of a TOML file; its teams must have one size")
     add("--out", required=True, metavar="DIR", help="the worst scenarios as TOML files, and worst.json")
     options.add_planner(parser)
-    add("--screened", type=options.positive, default=128, help="random scenarios to begin with (default: %(default)s)")
+    add("--screened", type=options.positive, default=64, help="random scenarios to begin with (default: %(default)s)")
     add("--lanes", type=options.positive, default=8, help="of them, improved by gradients (default: %(default)s)")
-    add("--rounds", type=options.positive, default=2, help="gradients of each (default: %(default)s)")
+    add(
+        "--rounds",
+        type=options.positive,
+        default=4,
+        help="gradients of each, and of fewer each time (default: %(default)s)",
+    )
     add("--random", action="store_true", help="only random scenarios, as many episodes as the search would cost")
     add("--seed", type=options.seed, default=0, help="of scenarios and noise (default: %(default)s)")
     add("--record", type=options.positive, metavar="N", help="record the N worst to worst.rrd")
