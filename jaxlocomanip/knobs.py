@@ -1,5 +1,7 @@
 """Settings of a planner as one vector of logarithms, so that whatever searches them keeps them positive.
 
+What starts at zero has no logarithm; a few such settings are searched by that of their distance to `-FLOORS`.
+
 knobs = knobs_of(preset("paper"), ("weights", "constraints.robot_cbf.weight"))
 config = turned(preset("paper"), knobs, jnp.zeros(len(knobs.names)))        # the preset itself
 """
@@ -21,6 +23,8 @@ from jaxlocomanip.planner.config import Barrier, PlannerConfig
 
 SPAN = math.log(10.0)
 """largest change of a logarithm: a setting stays between a tenth and ten times of what it was"""
+FLOORS = {"Barrier.weight": 0.1, "Constraints.margin": 0.01, "Adaptation.prior_friction": 0.05}
+"""of settings that may start at zero: an amount that begins to matter; they go up to nine times of it"""
 REACH = 1.05
 """a barrier reaches at least so many times as far as where its logarithm ends"""
 
@@ -35,12 +39,14 @@ class Knobs:
     """among the leaves of the configuration"""
     ranges: tuple[tuple[float, float], ...]
     """allowed values"""
+    floors: tuple[float, ...]
+    """of settings that start at zero; zero for the others"""
 
 
 def knobs_of(config: PlannerConfig, names: Sequence[str]) -> Knobs:
     """The settings that go by the given names, single ones or whole groups.
 
-    Left out are settings that are zero, which are switched off, and switches.
+    Left out are switches, and settings that are zero and have no floor: those are switched off.
 
     Raises:
       InputError: a name that no setting has, or under which there is nothing to search.
@@ -54,13 +60,18 @@ def knobs_of(config: PlannerConfig, names: Sequence[str]) -> Knobs:
         if not below:
             raise InputError(f"tune = {name!r}: no setting has this name{nearest(name, groups | set(dotted))}")
         ends = [_range(config, dotted[i]) for i in below]
-        free = [i for i, end in zip(below, ends, strict=True) if float(leaves[i][1]) > 0.0 and end != (0.0, 1.0)]
+        free = [
+            i
+            for i, end in zip(below, ends, strict=True)
+            if end != (0.0, 1.0) and float(leaves[i][1]) + _floor(config, dotted[i], leaves[i][1]) > 0.0
+        ]
         if not free:
             raise InputError(f"tune = {name!r}: is zero, which stays so, or a switch; nothing there can be tuned")
         chosen.update(free)
     places = tuple(sorted(chosen))
     picked = tuple(dotted[i] for i in places)
-    return Knobs(picked, places, tuple(_range(config, name) for name in picked))
+    ranges = tuple(_range(config, name) for name in picked)
+    return Knobs(picked, places, ranges, tuple(_floor(config, dotted[i], leaves[i][1]) for i in places))
 
 
 def turned(config: PlannerConfig, knobs: Knobs, logarithms: Array) -> PlannerConfig:
@@ -69,7 +80,9 @@ def turned(config: PlannerConfig, knobs: Knobs, logarithms: Array) -> PlannerCon
     inside = jnp.clip(logarithms, -SPAN, SPAN)
     for i, place in enumerate(knobs.places):
         low, high = knobs.ranges[i]
-        leaves[place] = jnp.clip(leaves[place] * jnp.exp(inside[i]), low, high)
+        value = leaves[place] * jnp.exp(inside[i]) + knobs.floors[i] * jnp.expm1(inside[i])
+        # The derivative passes the bounds: what starts at one, or was driven there by noise, has to find the way back.
+        leaves[place] = value + jax.lax.stop_gradient(jnp.clip(value, low, high) - value)
     new = structure.unflatten(leaves)
     reaching = {
         field.name: _reaching(value) if isinstance(value := getattr(new.constraints, field.name), Barrier) else value
@@ -89,11 +102,20 @@ def _reaching(barrier: Barrier) -> Barrier:
 
 def _range(config: PlannerConfig, name: str) -> tuple[float, float]:
     """Allowed values of a setting."""
+    return RANGES.get(_kind(config, name), (0.0, 1e9))
+
+
+def _floor(config: PlannerConfig, name: str, value: Any) -> float:
+    return FLOORS.get(_kind(config, name), 0.0) if float(value) == 0.0 else 0.0
+
+
+def _kind(config: PlannerConfig, name: str) -> str:
+    """Class and field of a setting."""
     *groups, field = name.partition("[")[0].split(".")
     node: Any = config
     for group in groups:
         node = getattr(node, group)
-    return RANGES.get(f"{type(node).__name__}.{field}", (0.0, 1e9))
+    return f"{type(node).__name__}.{field}"
 
 
 def changes(before: PlannerConfig, after: PlannerConfig, knobs: Knobs) -> dict[str, tuple[float, float]]:

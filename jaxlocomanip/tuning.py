@@ -41,8 +41,8 @@ Floats = NDArray[np.floating[Any]]
 
 METHODS = ("gradient", "cem")
 """How settings are searched."""
-NAMES = ("weights", "constraints", "adaptation.gain", "adaptation.low_pass")
-"""What is tuned by default: weights, barrier shapes, gains of the barrier functions, and of the adaptation."""
+NAMES = ("weights", "constraints", "adaptation.gain", "adaptation.low_pass", "adaptation.prior_friction")
+"""What is tuned by default: weights, barrier shapes, gains of the barrier functions, and the adaptation."""
 KEEP = 0.2
 """share of the old spread in that of the next generation of the cross-entropy method"""
 LEAST_SPREAD = 0.02

@@ -1,5 +1,6 @@
 """Settings as logarithms: which of them, and that they stay positive and within their ranges."""
 
+import math
 import tomllib
 
 import jax
@@ -39,10 +40,27 @@ def test_no_turn_leaves_the_preset_as_it_is(name):
 
 def test_zeros_and_switches_are_not_tuned():
     paper = knobs_of(preset("paper"), NAMES)
-    # The paper's planner has no margin and does not adapt friction.
-    assert "constraints.margin" not in paper.names and "adaptation.gain[4]" not in paper.names
-    assert "adaptation.gain[3]" in paper.names
+    # The paper's planner does not adapt friction.
+    assert "adaptation.gain[4]" not in paper.names and "adaptation.gain[3]" in paper.names
     assert "constraints.clf_normalised" not in knobs_of(PlannerConfig(), NAMES).names
+
+
+def test_some_settings_leave_zero():
+    """The paper's planner has no margin, and its robots no barrier between each other."""
+    start, names = preset("paper"), ("constraints.margin", "constraints.team.weight")
+    knobs = knobs_of(start, names)
+    assert set(knobs.names) == set(names) and all(knobs.floors)
+
+    def values(turn):
+        new = turned(arrays(start), knobs, jnp.full(2, turn)).constraints
+        return jnp.stack([new.team.weight, new.margin])
+
+    assert values(0.0) == pytest.approx([0.0, 0.0]) and values(-1.0) == pytest.approx([0.0, 0.0])
+    assert values(math.log(2.0)) == pytest.approx([0.1, 0.01])
+    assert values(10.0) == pytest.approx([0.9, 0.09])
+    # From below the bound there is a way back.
+    for turn in (0.0, -1.0):
+        assert jax.jacfwd(values)(turn) == pytest.approx(np.array(knobs.floors) * math.exp(turn))
 
 
 def test_any_turn_gives_a_correct_configuration():
