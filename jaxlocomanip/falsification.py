@@ -3,11 +3,13 @@
     found = falsify(find_study("standard"), preset("paper"), seed=0)
     found.worst[0].spec, found.worst[0].clearance
 
-Random scenarios of a study, each varied at random within `variation.Bounds`, are simulated in batches. Those that come
-closest are then improved side by side: the gradient of the soft clearance through the whole closed loop gives each of
-them a direction, and steps of several lengths along it are simulated; the best one is kept. A step to a scenario that
-no planner could solve is shortened until one could (`sampling.feasibility`). Every clearance that is reported is that
-of an episode as `simulate` runs it, never the soft one.
+Random scenarios of a study, each varied at random within `variation.Bounds`, are simulated in batches. Then obstacles
+are put where the object went (`aiming`), first in the scenarios that promise most. The worst of all are improved side
+by side: the gradient of the closest approach (`approach`) gives each of them a direction, and steps of several lengths
+along it are simulated; the best one is kept. Pushing is unstable, and much of what happens after any change is chance:
+every try also moves all coordinates a little at random. A scenario that no planner could solve
+(`sampling.feasibility`) is never tried. Every clearance that is reported is that of an episode as `simulate` runs it,
+never the soft one.
 
 The cost is counted in episodes, a gradient at `Search.gradient_cost` of them, so that `sample_worst`, random sampling
 within the same bounds, can be given the same budget.
@@ -23,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxlocomanip.aiming import Aim, aims
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.sampling.sampler import draw
@@ -36,6 +39,8 @@ TRIALS = 8
 """random places that are tried around a scenario of a study before the next one is drawn"""
 BATCH = 8
 """episodes that are simulated side by side"""
+APART = 0.2
+"""coordinates within this of a scenario that cannot be solved are not tried"""
 HALVINGS = 3
 """times that a step to an impossible scenario is halved before it is given up"""
 
@@ -44,18 +49,18 @@ HALVINGS = 3
 class Search:
     """How long and how wide to search."""
 
-    screened: int = 64
+    screened: int = 32
     """random scenarios to begin with"""
+    aimed: tuple[int, ...] = (16, 16)
+    """scenarios that are tried with an obstacle in the way, round after round"""
     lanes: int = 8
-    """of them, the worst, are improved"""
-    rounds: int = 4
-    """gradients taken of each of these, of the better half only in each round but the first"""
-    least: int = 2
-    """lanes that are improved to the end"""
-    steps: tuple[float, ...] = (0.3, 1.0, 3.0)
-    """lengths that are tried along the gradient, in multiples of what was last the best one of the lane"""
-    first: float = 0.1
-    """length at the beginning: of the coordinate that moves most; the box is 2 wide"""
+    """worst scenarios, that are improved by gradients"""
+    rounds: int = 1
+    """gradients of each"""
+    steps: tuple[float, ...] = (0.01, 0.1)
+    """lengths that are tried along a gradient: of the coordinate that moves most; the box is 2 wide"""
+    spread: float = 0.03
+    """standard deviation of what is added to each coordinate in every try"""
     window: int = 20
     """ticks up to the closest approach that are differentiated"""
     memory: float = 0.03
@@ -64,14 +69,10 @@ class Search:
     """episodes that take as long as one gradient"""
 
     @property
-    def widths(self) -> tuple[int, ...]:
-        """Lanes that are improved in each round."""
-        return tuple(max(self.lanes >> k, min(self.least, self.lanes)) for k in range(self.rounds))
-
-    @property
     def episodes(self) -> int:
         """Episodes that the search costs."""
-        return math.ceil(self.screened + sum(self.widths) * (self.gradient_cost + len(self.steps)))
+        stepped = self.lanes * self.rounds * (self.gradient_cost + len(self.steps))
+        return math.ceil(self.screened + sum(self.aimed) + stepped)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,14 +119,18 @@ def falsify(
         raise InputError(f"search.lanes = {plan.lanes}: must be >= 1 and <= search.screened = {plan.screened}")
     trial = Trials(study, config, box, BATCH, plan.window, plan.memory)
     begun = trial.run(list(_random_places(study, seed, plan.screened, box)))
-    best = [_Lane(place, found, plan.first) for place, found in begun]
-    best = _sorted(best)[: plan.lanes]
-    say(f"{plan.screened} random scenarios: least clearance {best[0].found.clearance:.3f} m")
-    for number, width in enumerate(plan.widths):
+    lanes = [_Lane(place, found) for place, found in begun]
+    say(f"{plan.screened} random scenarios: least clearance {min(map(_clearance, lanes)):.3f} m")
+    for number, count in enumerate(plan.aimed):
         rng = np.random.default_rng([seed, number])
-        best = _sorted(_improved(trial, best[:width], plan, box, rng) + best[width:])
-        say(f"round {number + 1}: least clearance {best[0].found.clearance:.3f} m")
-    return _falsified([lane.found for lane in best], plan.episodes)
+        lanes = _aimed(trial, lanes, count, plan.spread, box, rng)
+        say(f"{count} with an obstacle in the way: {min(map(_clearance, lanes)):.3f} m")
+    lanes = sorted(lanes, key=_clearance)[: plan.lanes]
+    for number in range(plan.rounds):
+        rng = np.random.default_rng([seed, len(plan.aimed) + number])
+        lanes = _improved(trial, lanes, plan, box, rng)
+        say(f"gradients of {len(lanes)}: {min(map(_clearance, lanes)):.3f} m")
+    return _falsified([lane.found for lane in lanes], plan.episodes)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,37 +139,70 @@ class _Lane:
 
     place: Place
     found: Found
-    length: float
-    """of the next step"""
+    missed: float = 0.0
+    """m, by how much clearances were larger than what was aimed at, lately"""
 
 
-def _sorted(lanes: Sequence[_Lane]) -> list[_Lane]:
-    return sorted(lanes, key=lambda lane: lane.found.clearance)
+def _clearance(lane: _Lane) -> float:
+    return lane.found.clearance
+
+
+def _aimed(
+    trial: Trials, lanes: Sequence[_Lane], count: int, spread: float, bounds: Bounds, rng: np.random.Generator
+) -> list[_Lane]:
+    """All lanes, those that promise the least clearance after a try with an obstacle in the object's way."""
+    every = [aims(lane.place.scenario, lane.place.coordinates, lane.found.motion, bounds) for lane in lanes]
+    order = sorted((k for k in range(len(lanes)) if every[k]), key=lambda k: every[k][0].clearance + lanes[k].missed)
+    chosen: list[tuple[int, Aim, Place]] = []
+    for k in order:
+        if len(chosen) == count:
+            break
+        shot = _shot(lanes[k].place, every[k], spread, bounds, rng)
+        if shot is not None:
+            chosen.append((k, *shot))
+    results = trial.run([place for _, _, place in chosen])
+    new = list(lanes)
+    for (k, aim, _), (place, found) in zip(chosen, results, strict=True):
+        missed = found.clearance - aim.clearance
+        better = found.clearance < lanes[k].found.clearance
+        new[k] = _Lane(place, found, missed) if better else dataclasses.replace(lanes[k], missed=missed)
+    return new
+
+
+def _shot(
+    place: Place, every: Sequence[Aim], spread: float, bounds: Bounds, rng: np.random.Generator
+) -> tuple[Aim, Place] | None:
+    """The aim of least clearance that leaves a scenario which can be solved."""
+    refused: list[Floats] = []
+    for aim in every:
+        if any(np.abs(aim.coordinates - other).max() < APART for other in refused):
+            continue
+        where = aim.coordinates + spread * rng.standard_normal(aim.coordinates.shape)
+        new = place_at(place.lane, place.seed, np.clip(where, -1.0, 1.0), bounds)
+        if new is not None:
+            return aim, new
+        refused.append(aim.coordinates)
+        if len(refused) == TRIALS:
+            break
+    return None
 
 
 def _improved(
     trial: Trials, lanes: Sequence[_Lane], plan: Search, bounds: Bounds, rng: np.random.Generator
 ) -> list[_Lane]:
-    """Each lane after a step of the best of several lengths down its gradient, or as it was."""
-    slopes = trial.gradients([lane.place for lane in lanes])
-    # Where a gradient says nothing, some direction does better than none.
-    gradients = [slope if slope.any() else rng.standard_normal(slope.shape) for slope in slopes]
-    lengths = [[lane.length * factor for factor in plan.steps] for lane in lanes]
+    """Each lane after the best of several steps down its gradient, or as it was."""
+    gradients = trial.gradients([lane.place for lane in lanes])
     tried = [
-        _step(lane.place, gradient, length, bounds)
-        for lane, gradient, some in zip(lanes, gradients, lengths, strict=True)
-        for length in some
+        _step(lane.place, gradient, length, plan.spread, bounds, rng)
+        for lane, gradient in zip(lanes, gradients, strict=True)
+        for length in plan.steps
     ]
-    results = trial.run(tried)
+    results, count = trial.run(tried), len(plan.steps)
     new: list[_Lane] = []
     for k, lane in enumerate(lanes):
-        count = len(plan.steps)
-        ways = [
-            _Lane(place, found, length)
-            for (place, found), length in zip(results[k * count : (k + 1) * count], lengths[k], strict=True)
-        ]
-        shorter = dataclasses.replace(lane, length=min(lengths[k]) * min(plan.steps))
-        new.append(min([shorter, *ways], key=lambda one: one.found.clearance))
+        ways = [(lane.place, lane.found), *results[k * count : (k + 1) * count]]
+        place, found = min(ways, key=lambda pair: pair[1].clearance)
+        new.append(dataclasses.replace(lane, place=place, found=found))
     return new
 
 
@@ -215,16 +253,20 @@ def _random_places(study: Study, seed: int, count: int, bounds: Bounds) -> Itera
         index += 1
 
 
-def _step(place: Place, gradient: Floats, length: float, bounds: Bounds) -> Place:
-    """The scenario a step down the gradient, or as far on the way as it can be solved.
+def _step(
+    place: Place, gradient: Floats, length: float, spread: float, bounds: Bounds, rng: np.random.Generator
+) -> Place:
+    """The scenario about a step down the gradient, or on the way there as far as it can be solved.
 
-    The coordinate with the largest slope moves by `length`, the others in proportion.
+    The coordinate with the largest slope moves by `length`, the others in proportion, and all of them at random by
+    `spread`: pushing is so unstable that what happens after a step is partly chance, and worth another try each time.
     """
-    steepest = np.abs(gradient).max()
+    way = spread * rng.standard_normal(gradient.shape)
+    if gradient.any():
+        way = way - length * gradient / np.abs(gradient).max()
     for _ in range(HALVINGS + 1):
-        where = np.clip(place.coordinates - length * gradient / steepest, -1.0, 1.0)
-        new = place_at(place.lane, place.seed, where, bounds)
+        new = place_at(place.lane, place.seed, np.clip(place.coordinates + way, -1.0, 1.0), bounds)
         if new is not None:
             return new
-        length *= 0.5
+        way = 0.5 * way
     return place

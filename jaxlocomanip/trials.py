@@ -14,6 +14,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from jaxlocomanip.aiming import Motion
 from jaxlocomanip.approach import closest_approach
 from jaxlocomanip.closed_loop import episode
 from jaxlocomanip.outcome import Outcome
@@ -30,6 +31,10 @@ from jaxlocomanip.worlds.planar import PlanarWorld
 Floats = NDArray[np.floating[Any]]
 
 
+INSTANTS = 80
+"""of an episode that are kept"""
+
+
 @dataclasses.dataclass(frozen=True)
 class Found:
     """A scenario and what the planner made of it."""
@@ -43,6 +48,8 @@ class Found:
     run_over: bool
     """see `Outcome.run_over`"""
     reached: bool
+    motion: Motion | None = dataclasses.field(default=None, compare=False, repr=False)
+    """some instants of it"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,9 +91,9 @@ class Trials:
         for part, full in self._batches(places):
             scenarios = stack([place.scenario for place in full], self._padding)
             world = PlanarWorld().prepare(scenarios)
-            outcome = _outcomes(scenarios, self._config, _seeds(full), world, ticks=self._ticks)
-            outcome = jax.tree.map(np.asarray, outcome)
-            pairs += [(place, _found(place, outcome, k)) for k, place in enumerate(part)]
+            results = _outcomes(scenarios, self._config, _seeds(full), world, ticks=self._ticks)
+            results = jax.tree.map(np.asarray, results)
+            pairs += [(place, _found(place, *results, k)) for k, place in enumerate(part)]
         return pairs
 
     def gradients(self, places: Sequence[Place]) -> list[Floats]:
@@ -121,11 +128,16 @@ def _seeds(places: Sequence[Place]) -> Array:
 
 
 @partial(jax.jit, static_argnames="ticks")
-def _outcomes(scenarios: Scenario, config: PlannerConfig, seeds: Array, world: PlanarWorld, *, ticks: int) -> Outcome:
-    """[B] outcomes of the exact world."""
+def _outcomes(
+    scenarios: Scenario, config: PlannerConfig, seeds: Array, world: PlanarWorld, *, ticks: int
+) -> tuple[Outcome, Array, Array]:
+    """[B] outcomes of the exact world; at some instants the object's poses [B, K, 3], the obstacles [B, K, N_o, 2]."""
+    every = max(1, ticks // INSTANTS)
 
-    def one(scenario: Scenario, seed: Array, behind: PlanarWorld) -> Outcome:
-        return episode(scenario, config, jax.random.key(seed), behind, ticks, record=False).outcome
+    def one(scenario: Scenario, seed: Array, behind: PlanarWorld) -> tuple[Outcome, Array, Array]:
+        result = episode(scenario, config, jax.random.key(seed), behind, ticks, record=True)
+        assert result.log is not None
+        return result.outcome, result.log.view.pose[::every], result.log.obstacles[::every]
 
     return jax.vmap(one)(scenarios, seeds, world)
 
@@ -151,7 +163,7 @@ def _slopes(
     return jax.vmap(jax.grad(clearance))(coordinates, scenarios, seeds)
 
 
-def _found(place: Place, outcome: Outcome, k: int) -> Found:
+def _found(place: Place, outcome: Outcome, poses: Floats, obstacles: Floats, k: int) -> Found:
     return Found(
         spec=place.spec,
         seed=place.seed,
@@ -159,4 +171,5 @@ def _found(place: Place, outcome: Outcome, k: int) -> Found:
         collided=bool(outcome.collided[k]),
         run_over=bool(outcome.run_over[k]),
         reached=bool(outcome.reached[k]),
+        motion=Motion(poses[k], obstacles[k]),
     )

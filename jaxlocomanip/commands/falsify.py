@@ -69,7 +69,13 @@ def _keep(out: Path, found: Falsified) -> None:
     for number, one in enumerate(found.worst):
         name = f"worst-{number:02d}.toml"
         write_whole(out / name, scenario_to_toml(one.spec))
-        rows.append({"file": name, "scenario": one.spec.name, **{k: v for k, v in vars(one).items() if k != "spec"}})
+        rows.append(
+            {
+                "file": name,
+                "scenario": one.spec.name,
+                **{k: v for k, v in vars(one).items() if k not in ("spec", "motion")},
+            }
+        )
         verdict = "run over" if one.run_over else "collided" if one.collided else "clear"
         print(f"{name}  {one.spec.name}  clearance {one.clearance:7.3f} m  {verdict}  --seed {one.seed}")
     summary = {"episodes": found.episodes, "collisions": found.collisions, "worst": rows}
