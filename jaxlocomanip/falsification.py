@@ -117,6 +117,9 @@ def falsify(
     plan, box = search or Search(), bounds or Bounds()
     if plan.screened < plan.lanes or plan.lanes < 1:
         raise InputError(f"search.lanes = {plan.lanes}: must be >= 1 and <= search.screened = {plan.screened}")
+    for count in plan.aimed:
+        if not 1 <= count <= plan.screened:
+            raise InputError(f"search.aimed = {count}: must be >= 1 and <= search.screened = {plan.screened}")
     trial = Trials(study, config, box, BATCH, plan.window, plan.memory)
     begun = trial.run(list(_random_places(study, seed, plan.screened, box)))
     lanes = [_Lane(place, found) for place, found in begun]

@@ -2,12 +2,14 @@
 
 import dataclasses
 import json
+import math
 import os
 
 import numpy as np
 import pytest
 
 from jaxlocomanip import cli, falsification
+from jaxlocomanip.aiming import Motion
 from jaxlocomanip.build import build
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.closed_loop import simulate
@@ -30,7 +32,7 @@ count = 2
 along = { uniform = [0.3, 0.8] }
 half_size = 0.2
 """
-SMALL = Search(screened=6, lanes=3, rounds=3, steps=(0.3, 1.0, 3.0))
+SMALL = Search(screened=6, aimed=(2, 2), lanes=3, rounds=3, steps=(0.1, 0.4))
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +46,12 @@ def made_up(place):
     return 1.0 - 0.05 * mass - 0.5 * friction
 
 
+def stood(place):
+    """Nothing moves."""
+    obstacles = np.asarray(place.scenario.obstacles.position)
+    return Motion(np.tile(place.scenario.start, (2, 1)), np.tile(obstacles, (2, 1, 1)))
+
+
 @pytest.fixture
 def no_episodes(monkeypatch):
     """Counts what would have been run."""
@@ -52,7 +60,7 @@ def no_episodes(monkeypatch):
     def run(self, places):
         counts["episodes"] += len(places)
         clear = [(place, made_up(place)) for place in places]
-        return [(place, Found(place.spec, place.seed, c, c < 0.2, False, True)) for place, c in clear]
+        return [(place, Found(place.spec, place.seed, c, c < 0.2, False, True, stood(place))) for place, c in clear]
 
     def gradients(self, places):
         counts["gradients"] += len(places)
@@ -81,11 +89,12 @@ def test_steps_go_down_to_the_bounds(study, no_episodes):
 
 def test_the_budget_is_what_it_costs(study, no_episodes):
     found = falsify(study, PlannerConfig(), search=SMALL)
-    assert SMALL.widths == (3, 2, 2)
-    random, tried = SMALL.screened, sum(SMALL.widths) * len(SMALL.steps)
+    random, tried = SMALL.screened, sum(SMALL.aimed) + SMALL.rounds * SMALL.lanes * len(SMALL.steps)
     assert no_episodes["episodes"] == random + tried
-    assert no_episodes["gradients"] == sum(SMALL.widths)
-    assert found.episodes == SMALL.episodes == random + tried + SMALL.gradient_cost * no_episodes["gradients"]
+    assert no_episodes["gradients"] == SMALL.rounds * SMALL.lanes
+    assert (
+        found.episodes == SMALL.episodes == math.ceil(random + tried + SMALL.gradient_cost * no_episodes["gradients"])
+    )
 
 
 def test_random_sampling_begins_with_the_same_scenarios(study, no_episodes):
@@ -107,7 +116,25 @@ def test_without_gradients_directions_are_random(study, no_episodes, monkeypatch
 
 def test_bad_searches_are_refused(study):
     with pytest.raises(InputError, match=r"search.lanes = 9: must be >= 1 and <= search.screened = 8"):
-        falsify(study, PlannerConfig(), search=Search(screened=8, lanes=9))
+        falsify(study, PlannerConfig(), search=Search(screened=8, lanes=9, aimed=()))
+
+
+def test_more_aims_than_scenarios_are_refused(study):
+    with pytest.raises(InputError, match=r"search.aimed = 9: must be >= 1 and <= search.screened = 8"):
+        falsify(study, PlannerConfig(), search=Search(screened=8, aimed=(9,)))
+
+
+def test_aims_put_an_obstacle_in_the_way(study, no_episodes, monkeypatch):
+    """Of a made-up clearance that is the distance of the first obstacle, where only aims are tried."""
+
+    def clearance(place):
+        return float(np.linalg.norm(np.array(place.spec.obstacles[0].position) - stood(place).pose[0, :2]))
+
+    monkeypatch.setitem(globals(), "made_up", clearance)
+    search = dataclasses.replace(SMALL, screened=8, aimed=(8,), rounds=0, lanes=8)
+    begun = sample_worst(study, PlannerConfig(), 8, keep=8)
+    found = falsify(study, PlannerConfig(), search=search)
+    assert np.mean([one.clearance for one in found.worst]) < np.mean([one.clearance for one in begun.worst]) - 0.05
 
 
 def test_studies_without_scenarios_within_the_bounds_are_refused(study, monkeypatch):
@@ -121,7 +148,7 @@ def test_the_command_leaves_scenarios(no_episodes, tmp_path, monkeypatch, capsys
     file.write_text(STUDY)
     monkeypatch.setattr(os, "environ", os.environ.copy())
     out = tmp_path / "out"
-    sizes = ["--screened", "5", "--lanes", "2", "--rounds", "1"]
+    sizes = ["--screened", "5", "--aimed", "3", "--lanes", "2", "--rounds", "1"]
     assert cli.main(["falsify", str(file), "--out", str(out), *sizes]) == 0
     summary = json.loads((out / "worst.json").read_text())
     assert [row["file"] for row in summary["worst"]] == ["worst-00.toml", "worst-01.toml"]
@@ -129,7 +156,7 @@ def test_the_command_leaves_scenarios(no_episodes, tmp_path, monkeypatch, capsys
         spec = load_scenario(out / row["file"])
         assert spec.name == row["scenario"]
         assert made_up(dataclasses.make_dataclass("Place", ["spec"])(spec)) == pytest.approx(row["clearance"])
-    assert "after 29 episodes" in capsys.readouterr().out
+    assert "after 18 episodes" in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -137,7 +164,7 @@ def test_the_command_leaves_scenarios(no_episodes, tmp_path, monkeypatch, capsys
 def test_in_earnest(study):
     """What is found is an episode that `simulate` runs, and the gradient is that of a forward difference."""
     config = PlannerConfig(horizon=Horizon(steps=5))
-    found = falsify(study, config, seed=1, search=Search(screened=4, lanes=2, rounds=1))
+    found = falsify(study, config, seed=1, search=Search(screened=4, aimed=(2,), lanes=2, rounds=1))
     (worst, _) = found.worst
     again = simulate(build(worst.spec), config, seed=worst.seed, record=False).outcome
     clearance = min(float(again.min_object_clearance_m), float(again.min_robot_clearance_m))

@@ -11,7 +11,7 @@ QUICK = {
     "02_a_thousand_scenarios": {"COUNT": 6, "CHUNK": 4, "SECONDS": 0.4, "STAGES": 5},
     "03_gradients_through_a_plan": {"STAGES": 8},
     "04_tuning": {"STAGES": 5, "SECONDS": 0.4, "TRAIN, HELD_OUT, BATCH": (2, 2, 2), "STEPS": 2},
-    "05_breaking_the_planner": {"STAGES": 5, "SECONDS": 0.4, "SCREENED, LANES, ROUNDS": (4, 2, 1)},
+    "05_breaking_the_planner": {"STAGES": 5, "SECONDS": 0.4, "SCREENED, AIMED, LANES, ROUNDS": (4, 2, 2, 1)},
     "06_quadrupeds": {"SECONDS": 0.4, "STAGES": 5},
 }
 """What replaces the cell of parameters."""

@@ -22,7 +22,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("study", metavar="STUDY", help="name of a study or path of a TOML file; its teams must have one size")
     add("--out", required=True, metavar="DIR", help="the worst scenarios as TOML files, and worst.json")
     options.add_planner(parser)
-    add("--screened", type=options.positive, default=64, help="random scenarios to begin with (default: %(default)s)")
+    add("--screened", type=options.positive, default=32, help="random scenarios to begin with (default: %(default)s)")
+    add(
+        "--aimed",
+        type=options.positive,
+        default=16,
+        help="tries with an obstacle in the way, twice (default: %(default)s)",
+    )
     add("--lanes", type=options.positive, default=8, help="of them, improved by gradients (default: %(default)s)")
     add(
         "--rounds",
@@ -50,7 +56,12 @@ def run(arguments: argparse.Namespace) -> None:
     study = find_study(arguments.study)
     config = config_file.without(config_file.named_config(arguments.config), arguments.without)
     out = prepare_directory(arguments.out)
-    search = Search(screened=arguments.screened, lanes=arguments.lanes, rounds=arguments.rounds)
+    search = Search(
+        screened=arguments.screened,
+        aimed=(arguments.aimed, arguments.aimed),
+        lanes=arguments.lanes,
+        rounds=arguments.rounds,
+    )
     say(f"{study.name}: {search.episodes} episodes\n")
     if arguments.random:
         found = sample_worst(study, config, search.episodes, arguments.seed, keep=arguments.lanes)
