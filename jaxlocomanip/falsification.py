@@ -49,15 +49,15 @@ HALVINGS = 3
 class Search:
     """How long and how wide to search."""
 
-    screened: int = 32
+    screened: int = 16
     """random scenarios to begin with"""
-    aimed: tuple[int, ...] = (16, 16)
+    aimed: tuple[int, ...] = (8, 8, 8, 8)
     """scenarios that are tried with an obstacle in the way, round after round"""
     lanes: int = 8
     """worst scenarios, that are improved by gradients"""
     rounds: int = 1
     """gradients of each"""
-    steps: tuple[float, ...] = (0.01, 0.1)
+    steps: tuple[float, ...] = (0.03,)
     """lengths that are tried along a gradient: of the coordinate that moves most; the box is 2 wide"""
     spread: float = 0.03
     """standard deviation of what is added to each coordinate in every try"""

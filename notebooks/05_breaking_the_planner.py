@@ -46,7 +46,7 @@ obstacles = {{ count = 2, half_size = {{ uniform = [0.2, 0.3] }}, lateral = {{ u
 """
 )
 config = PlannerConfig(horizon=Horizon(steps=STAGES))
-search = Search(screened=SCREENED, aimed=(AIMED, AIMED), lanes=LANES, rounds=ROUNDS)
+search = Search(screened=SCREENED, aimed=(AIMED,) * 2, lanes=LANES, rounds=ROUNDS)
 print(f"{search.episodes} episodes")
 found = falsify(study, config, seed=0, search=search, say=print)
 

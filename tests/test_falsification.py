@@ -156,7 +156,7 @@ def test_the_command_leaves_scenarios(no_episodes, tmp_path, monkeypatch, capsys
         spec = load_scenario(out / row["file"])
         assert spec.name == row["scenario"]
         assert made_up(dataclasses.make_dataclass("Place", ["spec"])(spec)) == pytest.approx(row["clearance"])
-    assert "after 18 episodes" in capsys.readouterr().out
+    assert "after 22 episodes" in capsys.readouterr().out
 
 
 @pytest.mark.slow

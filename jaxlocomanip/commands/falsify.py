@@ -22,20 +22,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("study", metavar="STUDY", help="name of a study or path of a TOML file; its teams must have one size")
     add("--out", required=True, metavar="DIR", help="the worst scenarios as TOML files, and worst.json")
     options.add_planner(parser)
-    add("--screened", type=options.positive, default=32, help="random scenarios to begin with (default: %(default)s)")
+    add("--screened", type=options.positive, default=16, help="random scenarios to begin with (default: %(default)s)")
     add(
         "--aimed",
         type=options.positive,
-        default=16,
-        help="tries with an obstacle in the way, twice (default: %(default)s)",
+        default=8,
+        help="with an obstacle in the way, four times (default: %(default)s)",
     )
-    add("--lanes", type=options.positive, default=8, help="of them, improved by gradients (default: %(default)s)")
-    add(
-        "--rounds",
-        type=options.positive,
-        default=4,
-        help="gradients of each, and of fewer each time (default: %(default)s)",
-    )
+    add("--lanes", type=options.positive, default=8, help="the worst, improved by gradients (default: %(default)s)")
+    add("--rounds", type=options.positive, default=1, help="gradients of each (default: %(default)s)")
     add("--random", action="store_true", help="only random scenarios, as many episodes as the search would cost")
     add("--seed", type=options.seed, default=0, help="of scenarios and noise (default: %(default)s)")
     add("--record", type=options.positive, metavar="N", help="record the N worst to worst.rrd")
@@ -58,7 +53,7 @@ def run(arguments: argparse.Namespace) -> None:
     out = prepare_directory(arguments.out)
     search = Search(
         screened=arguments.screened,
-        aimed=(arguments.aimed, arguments.aimed),
+        aimed=(arguments.aimed,) * 4,
         lanes=arguments.lanes,
         rounds=arguments.rounds,
     )
