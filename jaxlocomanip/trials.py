@@ -48,7 +48,7 @@ class Found:
     run_over: bool
     """see `Outcome.run_over`"""
     reached: bool
-    motion: Motion | None = dataclasses.field(default=None, compare=False, repr=False)
+    motion: Motion = dataclasses.field(compare=False, repr=False)
     """some instants of it"""
 
 
@@ -92,8 +92,10 @@ class Trials:
             scenarios = stack([place.scenario for place in full], self._padding)
             world = PlanarWorld().prepare(scenarios)
             results = _outcomes(scenarios, self._config, _seeds(full), world, ticks=self._ticks)
-            results = jax.tree.map(np.asarray, results)
-            pairs += [(place, _found(place, *results, k)) for k, place in enumerate(part)]
+            outcome, poses, obstacles = jax.tree.map(np.asarray, results)
+            pairs += [
+                (place, _found(place, outcome, Motion(poses[k], obstacles[k]), k)) for k, place in enumerate(part)
+            ]
         return pairs
 
     def gradients(self, places: Sequence[Place]) -> list[Floats]:
@@ -163,7 +165,7 @@ def _slopes(
     return jax.vmap(jax.grad(clearance))(coordinates, scenarios, seeds)
 
 
-def _found(place: Place, outcome: Outcome, poses: Floats, obstacles: Floats, k: int) -> Found:
+def _found(place: Place, outcome: Outcome, motion: Motion, k: int) -> Found:
     return Found(
         spec=place.spec,
         seed=place.seed,
@@ -171,5 +173,5 @@ def _found(place: Place, outcome: Outcome, poses: Floats, obstacles: Floats, k: 
         collided=bool(outcome.collided[k]),
         run_over=bool(outcome.run_over[k]),
         reached=bool(outcome.reached[k]),
-        motion=Motion(poses[k], obstacles[k]),
+        motion=motion,
     )
