@@ -36,6 +36,11 @@ WHOLE: dict[str, str | bool] = {"xla_disable_hlo_passes": "cpu-parallel-task-ass
 costs a third more."""
 
 
+def cpu_options(devices: Sequence[Any]) -> dict[str, str | bool] | None:
+    """Options of the compiler for devices that share a program; none but for several CPUs."""
+    return dict(WHOLE) if len(devices) > 1 and devices[0].platform == "cpu" else None
+
+
 @dataclasses.dataclass(frozen=True)
 class Shape:
     """What one compilation is for; decided for a whole study, so that all of its chunks share it."""
@@ -96,10 +101,25 @@ class Runner:
         Raises:
           InputError: more scenarios than lanes, or scenarios that the shape or the world cannot hold.
         """
-        if len(scenarios) > shape.lanes:
-            raise InputError(f"scenarios: {len(scenarios)} do not fit into a chunk of {shape.lanes}")
         if not self._world.traceable:
-            return self._one_by_one(scenarios, config, seed, shape.padding)
+            return self._one_by_one(scenarios, config, seed, shape)
+        arguments, ticks = self._arguments(scenarios, config, seed, shape)
+        outcome = self._compiled(arguments, ticks).program(*arguments)
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(scenarios)], outcome)
+
+    def prepare(self, scenarios: Sequence[Scenario], config: PlannerConfig, shape: Shape) -> None:
+        """Compile what a call with such scenarios will run; arguments as there."""
+        if self._world.traceable:
+            self._compiled(*self._arguments(scenarios, config, 0, shape))
+            return
+        for lane in self._single(scenarios[:1], shape):
+            compiled(lane, config, self._world, record=False)
+
+    def _arguments(
+        self, scenarios: Sequence[Scenario], config: PlannerConfig, seed: int, shape: Shape
+    ) -> tuple[tuple[Any, ...], int]:
+        """Arguments of the compiled chunk, on the devices, and its number of ticks."""
+        _refuse_too_many(scenarios, shape)
         lanes = math.ceil(shape.lanes / len(self.devices)) * len(self.devices)
         full = [*scenarios, *[scenarios[-1]] * (lanes - len(scenarios))]
         batch = stack_on_host(full, shape.padding)
@@ -109,9 +129,7 @@ class Runner:
             raise InputError(f"duration = {float(np.max(batch.duration)):g} s: must be <= {shape.duration:g} s")
         spread = NamedSharding(self._mesh, PartitionSpec(AXIS))
         batch, world = jax.device_put((batch, world), spread)
-        arguments = (batch, config, jax.random.key(seed), world)
-        outcome = self._compiled(arguments, ticks).program(*arguments)
-        return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(scenarios)], outcome)
+        return (batch, config, jax.random.key(seed), world), ticks
 
     def _compiled(self, arguments: tuple[Any, ...], ticks: int) -> Compiled:
         leaves, structure = jax.tree.flatten(arguments)
@@ -120,22 +138,28 @@ class Runner:
         if key not in self._programs:
             start = time.perf_counter()
             lowered = jax.jit(partial(_chunk, ticks=ticks, mesh=self._mesh)).lower(*arguments)
-            program = lowered.compile(compiler_options=self._options())
+            program = lowered.compile(compiler_options=cpu_options(self.devices))
             analysis = program.memory_analysis()
             memory = getattr(analysis, "temp_size_in_bytes", None)
             self._programs[key] = Compiled(program, time.perf_counter() - start, memory)
         return self._programs[key]
 
-    def _options(self) -> dict[str, str | bool] | None:
-        several_cpus = len(self.devices) > 1 and self.devices[0].platform == "cpu"
-        return dict(WHOLE) if several_cpus else None
-
-    def _one_by_one(self, scenarios: Sequence[Scenario], config: PlannerConfig, seed: int, padding: Padding) -> Outcome:
+    def _one_by_one(self, scenarios: Sequence[Scenario], config: PlannerConfig, seed: int, shape: Shape) -> Outcome:
         """A world that is stepped outside of compiled programs has no batches; its planner still compiles once."""
-        batch = stack_on_host(scenarios, padding)
-        lanes = [jax.tree.map(lambda leaf, k=k: leaf[k], batch) for k in range(len(scenarios))]
+        lanes = self._single(scenarios, shape)
         outcomes = [compiled(lane, config, self._world, record=False)(seed).outcome for lane in lanes]
         return jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *outcomes)
+
+    def _single(self, scenarios: Sequence[Scenario], shape: Shape) -> list[Scenario]:
+        """Scenarios padded to the common shape."""
+        _refuse_too_many(scenarios, shape)
+        batch = stack_on_host(scenarios, shape.padding)
+        return [jax.tree.map(lambda leaf, k=k: leaf[k], batch) for k in range(len(scenarios))]
+
+
+def _refuse_too_many(scenarios: Sequence[Scenario], shape: Shape) -> None:
+    if len(scenarios) > shape.lanes:
+        raise InputError(f"scenarios: {len(scenarios)} do not fit into a chunk of {shape.lanes}")
 
 
 def _chunk(scenarios: Scenario, config: PlannerConfig, key: Array, world: World, *, ticks: int, mesh: Mesh) -> Outcome:

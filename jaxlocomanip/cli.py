@@ -4,6 +4,7 @@
     jaxlocomanip simulate adaptive people my_scenario.toml --config paper --without path --out out/paper
     jaxlocomanip sweep standard --count 1000 --out out/standard
     jaxlocomanip report out/standard --record worst:8
+    jaxlocomanip warmup adaptive --study standard
     jaxlocomanip tune standard --config paper --out out/tuned
     jaxlocomanip falsify standard --config out/tuned/tuned.toml --out out/worst --record 4
 
@@ -22,7 +23,7 @@ from typing import NoReturn
 
 from jaxlocomanip import library
 from jaxlocomanip.checked import InputError
-from jaxlocomanip.commands import falsify, report, simulate, sweep, tune
+from jaxlocomanip.commands import falsify, report, simulate, sweep, tune, warmup
 
 INTERRUPTED = 130
 """exit code after Ctrl-C, as shells have it"""
@@ -101,7 +102,7 @@ def _run(arguments: argparse.Namespace, command: Sequence[str]) -> None:
     elif arguments.command == "sweep":
         sweep.run(arguments, command)
     else:
-        {"report": report, "tune": tune, "falsify": falsify}[arguments.command].run(arguments)
+        {"report": report, "tune": tune, "falsify": falsify, "warmup": warmup}[arguments.command].run(arguments)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -125,6 +126,7 @@ def _parser() -> argparse.ArgumentParser:
         ("report", report, "tables, figures and recordings of a sweep"),
         ("tune", tune, "adjust the planner's settings to the scenarios of a study"),
         ("falsify", falsify, "search for the scenarios in which the planner keeps the least clearance"),
+        ("warmup", warmup, "compile what simulate and sweep will run"),
     ):
         module.add_arguments(commands.add_parser(name, help=text, allow_abbrev=False))
     return parser

@@ -56,6 +56,11 @@ def assert_close(a, b, tolerance):
         assert np.allclose(value, other, rtol=tolerance, atol=tolerance, equal_nan=True), name
 
 
+def test_what_was_prepared_is_not_compiled_again(runner, scenarios, config, outcome):
+    runner.prepare(scenarios[:1], config, SHAPE)
+    assert len(runner.compilations) == 1
+
+
 def test_all_chunks_share_one_compilation(runner, outcome):
     assert len(runner.compilations) == 1
     assert runner.compilations[0].seconds > 0.0
