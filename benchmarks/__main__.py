@@ -18,7 +18,7 @@ from typing import Any
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.files import prepare_directory, write_whole
 
-SECTIONS = ("push2", "latency", "episode", "batch", "physics", "quadruped", "gradients")
+SECTIONS = ("push2", "latency", "scaling", "episode", "batch", "physics", "quadruped", "gradients")
 """What can be measured, in the order in which it is."""
 
 
@@ -34,12 +34,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         out = prepare_directory(arguments.out)
         page = Path(arguments.update) if arguments.update else None
-        from benchmarks import report
+        from benchmarks import report, scaling
 
         if page is not None:
             report.refuse_without_marks(page)
         measured = measure(arguments.only or SECTIONS, arguments.quick)
         write_whole(out / "benchmarks.json", json.dumps(measured, indent=2, allow_nan=False) + "\n")
+        if "scaling" in measured:
+            scaling.draw(out / "scaling.png", measured["scaling"])
         print(report.table(measured))
         if page is not None:
             report.update(page, measured)
@@ -51,12 +53,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def measure(sections: Sequence[str], quick: bool) -> dict[str, Any]:
     """All results of the sections, as plain Python values."""
-    from benchmarks import batch, environment, episode, gradients, latency, reference_problem
+    from benchmarks import batch, environment, episode, gradients, latency, reference_problem, scaling
 
-    lanes = (1, 8, 32) if quick else (1, 8, 32, 64)
+    lanes = (1, 16, 64, 256)
     run = {
         "push2": lambda: reference_problem.measure(repeats=2 if quick else 5, calls=200 if quick else 500),
         "latency": lambda: latency.measure(calls=200 if quick else 500),
+        "scaling": lambda: scaling.measure(repeats=10 if quick else 30),
         "episode": lambda: episode.measure(episode.PLANAR),
         "quadruped": lambda: episode.measure(episode.QUADRUPED),
         "batch": lambda: batch.measure(lanes, repeats=1 if quick else 3),
@@ -83,7 +86,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="python -m benchmarks", description="Latency, start-up and throughput on this machine."
     )
     add = parser.add_argument
-    add("--quick", action="store_true", help="fewer calls and repetitions, and no batch of 64")
+    add("--quick", action="store_true", help="fewer calls and repetitions")
     add("--out", default="out/benchmarks", metavar="DIR", help="output directory (default: %(default)s)")
     add(
         "--only",

@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from typing import Any
+
+from benchmarks.processes import in_fresh_process
 
 LANES = (1, 4, 16, 64, 256, 1024)
 COSTS = {"guess": 421.20244, "solution": -34.43354}
@@ -20,7 +20,6 @@ TOLERANCE = 1e-3
 """max |step| that ends a cold solve"""
 GROUP = 64
 """lanes that a device takes at once: what they need stays in the processor's fast memory"""
-ROOT = Path(__file__).parents[1]
 
 
 def measure(repeats: int, calls: int) -> dict[str, Any]:
@@ -29,24 +28,18 @@ def measure(repeats: int, calls: int) -> dict[str, Any]:
     Raises:
       RuntimeError: a cost is not that of other solvers.
     """
-    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={os.cpu_count()}"
     with tempfile.TemporaryDirectory() as cache:
         kept = {"JAX_COMPILATION_CACHE_DIR": cache, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
         # A problem alone is too small for threads: handing an operation to another takes longer than the operation.
         alone = kept | {"PJRT_NPROC": "1", "JAX_CPU_ENABLE_ASYNC_DISPATCH": "false"}
-        first, found = (_in_fresh_process("alone", alone, repeats, calls) for _ in range(2))
-        batch = _in_fresh_process("batch", kept | {"XLA_FLAGS": flags}, repeats, calls)
+        alone["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "")
+        counts, name = (str(repeats), str(calls)), "benchmarks.reference_problem"
+        first, found = (in_fresh_process(name, "alone", *counts, **alone) for _ in range(2))
+        batch = in_fresh_process(name, "batch", *counts, **kept)
     for name, cost in COSTS.items():
         if abs(found["costs"][name] - cost) > 1e-3 * abs(cost):
             raise RuntimeError(f"push2: cost {found['costs'][name]} at the {name}, where other solvers find {cost}")
     return {**found, **batch, "compile_s": {"cold": first["compile_s"], "cached": found["compile_s"]}}
-
-
-def _in_fresh_process(part: str, settings: Mapping[str, str], repeats: int, calls: int) -> dict[str, Any]:
-    command = [sys.executable, "-m", "benchmarks.reference_problem", part, str(repeats), str(calls)]
-    environment = {**os.environ, **settings}
-    done = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True, check=True)
-    return json.loads(done.stdout.splitlines()[-1])
 
 
 def run(part: str, repeats: int, calls: int) -> dict[str, Any]:
@@ -55,7 +48,6 @@ def run(part: str, repeats: int, calls: int) -> dict[str, Any]:
 
     from benchmarks.push2 import push2
     from benchmarks.push2_model import FastPush2
-    from jaxlocomanip.batch import WHOLE
     from jaxlocomanip.solver import sqp
 
     plain, guess = push2()
@@ -63,7 +55,7 @@ def run(part: str, repeats: int, calls: int) -> dict[str, Any]:
     x0, start = guess.xs[0], sqp.start(guess, options)
     iterate = lambda p, x, i: sqp.solve(p, x, i, options)  # noqa: E731
     started = time.perf_counter()
-    one = jax.jit(iterate, compiler_options=WHOLE).lower(problem, x0, start).compile()
+    one = jax.jit(iterate).lower(problem, x0, start).compile(compiler_options=_options())
     compile_s = time.perf_counter() - started
     count, solution = _cold(one, problem, x0, start)
     if part == "batch":
@@ -77,6 +69,15 @@ def run(part: str, repeats: int, calls: int) -> dict[str, Any]:
         "latency": _latency(one, problem, x0, solution, calls),
         "cold": {"iterations": count, **_spread(cold)},
     }
+
+
+def _options() -> dict[str, str | bool] | None:
+    """Of the compiler: on a CPU small operations are not split over threads; other devices know no such option."""
+    import jax
+
+    from jaxlocomanip.batch import WHOLE
+
+    return dict(WHOLE) if jax.default_backend() == "cpu" else None
 
 
 def _cold(one: Callable[..., Any], problem: Any, x0: Any, start: Any) -> tuple[int, Any]:
@@ -111,8 +112,6 @@ def _throughput(
     import numpy as np
     from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-    from jaxlocomanip.batch import WHOLE
-
     many = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (lanes, *leaf.shape)), (problem, x0, warm))
     moved = np.random.default_rng(0).uniform(-0.3, 0.3, (lanes, *problem.places.shape))
     many = (dataclasses.replace(many[0], places=many[0].places + moved), *many[1:])
@@ -120,12 +119,17 @@ def _throughput(
     spread = PartitionSpec("lanes")
     problems, starts, warm = jax.device_put(many, NamedSharding(mesh, spread))
 
+    # An accelerator takes all lanes at once.
+    each = -(-lanes // mesh.size)
+    group = min(GROUP, each) if jax.default_backend() == "cpu" else each
+
     def share(*held: Any) -> Any:
-        return jax.lax.map(lambda lane: iterate(*lane), held, batch_size=min(GROUP, -(-lanes // mesh.size)))
+        return jax.lax.map(lambda lane: iterate(*lane), held, batch_size=group)
 
     shares = jax.shard_map(share, mesh=mesh, in_specs=spread, out_specs=spread, check_vma=False)
     started = time.perf_counter()
-    program = jax.jit(shares, donate_argnums=2, compiler_options=WHOLE).lower(problems, starts, warm).compile()
+    lowered = jax.jit(shares, donate_argnums=2).lower(problems, starts, warm)
+    program = lowered.compile(compiler_options=_options())
     compile_s = time.perf_counter() - started
     memory = program.memory_analysis()
     for _ in range(15):

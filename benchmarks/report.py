@@ -74,9 +74,18 @@ def _rows(measured: Mapping[str, Any]) -> Iterator[Row]:
             yield Row(f"{name}: whole process, {label}", f"{run['process_s']:.1f} s", False)
         seconds = f"{cached['simulated_s']:.0f} s in {cached['second_run_s']:.2f} s"
         yield Row(f"{name}: closed loop", f"{seconds} ({cached['speed']:.1f} x real time)", True)
+    for axis, found in measured.get("scaling", {}).items():
+        first, last = found["points"][0], found["points"][-1]
+        ends = f"{first['ms']:.2f} ms at {first['size']} to {last['ms']:.2f} ms at {last['size']}"
+        line = f"off a straight line by {100 * found['deviation']:.0f} % at most"
+        yield Row(f"SQP iteration by {axis}", f"{ends}, exponent {found['exponent']:.2f}, {line}", True)
     for record in measured.get("batch", []):
         lanes = f"{record['lanes']} lane" + ("s" if record["lanes"] > 1 else "")
         yield Row(f"batch of {lanes}: throughput", f"{record['speed']:.1f} scenario-s per wall s", True)
+        memory = (
+            f"{record['peak_mb']:.0f} MB, of which intermediate results {record['temporary_mb_a_device']} MB a device"
+        )
+        yield Row(f"batch of {lanes}: memory", memory, record["lanes"] == 256)
         yield Row(f"batch of {lanes}: compile", f"{record['compile_s']:.1f} s", False)
     for name, times in measured.get("gradients", {"programs": {}})["programs"].items():
         yield Row(f"plan's derivative: {name}", f"{_spread(times)}, {times['temporary_kb']} kB", "whole" in name)
