@@ -127,7 +127,12 @@ def _lanes(sizes: Mapping[str, int]) -> tuple[Any, Any, Any]:
     from jaxlocomanip.worlds.planar import PlanarWorld
 
     spec, n = find_scenario("adaptive"), sizes["robots"]
-    places = [(0.6 * k - 0.4, 0.6 * k + (1.4 if k % 2 else -1.4)) for k in range(sizes["obstacles"])]
+    # To both sides of the line, from one end of the horizon to the other.
+    places = [
+        (1.5 + 0.35 * (k // 2) + aside, 1.5 + 0.35 * (k // 2) - aside)
+        for k in range(sizes["obstacles"])
+        for aside in (0.85 * (-1) ** k,)
+    ]
     circles = tuple(dataclasses.replace(spec.obstacles[0], position=place, velocity=(0.0, 0.0)) for place in places)
     robots = tuple(dataclasses.replace(spec.robots[0], face=face) for face in FACES[:n])
     scenario = build_scenario(dataclasses.replace(spec, robots=robots, obstacles=circles))
