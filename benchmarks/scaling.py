@@ -122,7 +122,7 @@ def _lanes(sizes: Mapping[str, int]) -> tuple[Any, Any, Any]:
 
     from jaxlocomanip import PlannerConfig, build_scenario, find_scenario
     from jaxlocomanip.loop import task_of
-    from jaxlocomanip.planner import adaptation, nmpc, problem, reference
+    from jaxlocomanip.planner import adaptation, problem, reference, state
     from jaxlocomanip.planner.path import POINTS, pace, straight_poses
     from jaxlocomanip.worlds.planar import PlanarWorld
 
@@ -140,18 +140,18 @@ def _lanes(sizes: Mapping[str, int]) -> tuple[Any, Any, Any]:
     config = dataclasses.replace(base, horizon=dataclasses.replace(base.horizon, steps=sizes["stages"]))
     task, world = task_of(scenario), PlanarWorld()
     view = world.view(world.start(scenario), scenario)
-    measured = nmpc.Measurement(view.pose, view.offset, scenario.obstacles.position, view.contact, view.formation)
+    measured = state.Measurement(view.pose, view.offset, scenario.obstacles.position, view.contact, view.formation)
 
     def one(moved: Any) -> tuple[Any, Any, Any]:
         seen = dataclasses.replace(measured, obstacles=measured.obstacles + moved)
-        state = nmpc.start(task, seen, config)
+        held = state.start(task, seen, config)
         body = adaptation.start(scenario.object, config.adaptation).body
         line = straight_poses(seen.pose, scenario.goal.pose, POINTS)
         path = pace(line, task.shapes, body, config.reference.turn_radius)
         times = config.horizon.dt * jnp.arange(config.horizon.steps + 1.0)
-        targets = reference.targets(state.progress, path, times, config.reference)
-        made = problem.assemble(targets, state.solver.plan, body, task.shapes, state.obstacles, config)
-        return made, state.solver.plan.xs[0], state.solver
+        targets = reference.targets(held.progress, path, times, config.reference)
+        made = problem.assemble(targets, held.solver.plan, body, task.shapes, held.obstacles, config)
+        return made, held.solver.plan.xs[0], held.solver
 
     moved = np.random.default_rng(0).uniform(-0.3, 0.3, (sizes["lanes"], *measured.obstacles.shape))
     return jax.jit(jax.vmap(one))(jnp.asarray(moved, view.pose.dtype))
