@@ -182,7 +182,8 @@ def observe(
         estimate.pose, estimate.twist, aim, now.twist[0], psi, settings.rate, horizon.smoothing
     )
     slope = jnp.where(settings.on_prediction > 0.5, by_prediction, by_reference)
-    slope = jnp.where(state.progress.resting, 0.0, slope)
+    # An object that nobody touches shows nothing, but for noise, which would be taken for friction.
+    slope = jnp.where(state.progress.resting | ~jnp.any(measured.contact), 0.0, slope)
     parameters = adaptation.adapt(state.parameters, slope, horizon.tick, task.model, settings)
     push = breakaway.limit_push(wrench_B, state.parameters.body.com, task.shapes)
     watched, slips = breakaway.watch(state.breakaway, measured.pose, push, task.shapes, horizon.tick)
