@@ -82,7 +82,7 @@ def test_ablations_switch_off_one_thing_each():
     assert variants.pop("full") == ((), {})
     assert variants.pop("single start") == ((), {"reference.second_start": 0.0})
     assert {names for names, _ in variants.values()} == {
-        ("adaptation",), ("robot-cbf",), ("object-cbf",), ("clf",), ("path",), ("filter",),
+        ("adaptation",), ("robot-cbf",), ("object-cbf",), ("clf",), ("path",), ("faces",), ("filter",),
     }  # fmt: skip
 
 
