@@ -124,9 +124,8 @@ def test_a_team_that_walks_does_not_listen():
     assert begins and not bool(walking.arrived)
     still, begins = walking.asked(2, scenario.team.offset)
     assert not begins and int(still.formation) == 1
-    phase = walking.phase
-    for _ in range(2000):
-        phase = walking.walk(scenario).advance(phase, 0.02)
+    around = walking.walk(scenario)
+    phase = jax.lax.fori_loop(0, 500, lambda _, phase: around.advance(phase, 0.02), walking.phase)
     assert float(phase) == PHASES
 
 

@@ -83,7 +83,7 @@ def test_variants_are_planners():
         "robust": ROBUST,
         "paper": preset("paper"),
     }
-    assert len(list(plan.units())) == len(plan.chunks) * 8
+    assert len(list(plan.units())) == len(plan.chunks) * 9
 
 
 def test_settings_say_everything_and_survive_json():
