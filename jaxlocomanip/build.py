@@ -55,6 +55,7 @@ def build_on_host(spec: ScenarioSpec, index: int = 0) -> Scenario:
       InputError: as `build`.
     """
     polygon = np.array(spec.object.footprint)
+    team = _team(spec.robots, polygon)
     scenario = Scenario(
         object=_object(spec.object, polygon),
         truth=_truth(spec, polygon),
@@ -64,8 +65,8 @@ def build_on_host(spec: ScenarioSpec, index: int = 0) -> Scenario:
             host_array(spec.goal.position_tolerance),
             host_array(spec.goal.heading_tolerance),
         ),
-        team=_team(spec.robots, polygon),
-        formations=_formations(spec, polygon),
+        team=team,
+        formations=_formations(spec, team, polygon),
         obstacles=obstacle_arrays(spec.obstacles),
         sensing=Sensing(
             host_array(spec.sensing.position_std),
@@ -185,21 +186,21 @@ def _team(robots: tuple[RobotSpec, ...], polygon: Floats) -> Team:
     )
 
 
-def _formations(spec: ScenarioSpec, polygon: Floats) -> Formations:
+def _formations(spec: ScenarioSpec, team: Team, polygon: Floats) -> Formations:
     """The team moved on around the object face by face, if it may."""
     count = len(polygon)
     turned = [
         tuple(replace(robot, face=(face_index(robot.face) + shift) % count) for robot in spec.robots)
         for shift in range(1, count if spec.change_faces else 1)
     ]
-    teams, fits = [_team(spec.robots, polygon)], []
+    teams, fits = [team], []
     for robots in turned:
         try:
             teams.append(_team(robots, polygon))
             fits.append(True)
         except InputError:
             # A shorter face than at the start: the robots would not fit at their offsets there.
-            teams.append(teams[0])
+            teams.append(team)
             fits.append(False)
     return Formations(jax.tree.map(lambda *leaves: np.stack(leaves)[1:], *teams), _of(fits, bool))
 

@@ -35,29 +35,25 @@ _NEIGHBOURS = np.array(
 
 def descend(
     start: Array,
+    first: Array,
     grid: Grid,
     value: Array,
     ending: Array,
     density: Array,
     moves: Moves,
-    shapes: Shapes,
-    body: Body,
-    turn_radius: Floats,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array]:
     """[STEPS + 2, 3] goal-frame poses from the start to an end, where they stay; the heading is continuous.
 
-    Also the last node [3], and the cost [] of the whole path.
+    Also the last node [3].
 
     Args:
       start: [3] goal-frame pose.
+      first: [3] node to begin with (`first_node`).
       grid: the grid.
       value: [HEADINGS, CELLS, CELLS] cost to go.
       ending: [HEADINGS, CELLS, CELLS] cost of ending at each pose.
       density: [HEADINGS, CELLS, CELLS] cost of a unit of length.
       moves: costs of moves.
-      shapes: geometry and team.
-      body: the object as estimated.
-      turn_radius: m, length of a radian.
     """
 
     def aside(nodes: Array) -> Array:
@@ -75,11 +71,10 @@ def descend(
         new = jnp.where(arrived, node, targets[jnp.argmin(cost)])
         return new, new
 
-    first, cost = first_node(start, grid, value, density, shapes, body, turn_radius)
     last, rest = jax.lax.scan(step, first, None, length=STEPS)
     nodes = jnp.concatenate([first[None], rest]).astype(start.dtype)
     poses = jnp.concatenate([grid.origin + grid.spacing * nodes[:, 1:], TURN * nodes[:, :1]], axis=1)
-    return jnp.concatenate([start[None], poses]), _inside(last), cost
+    return jnp.concatenate([start[None], poses]), _inside(last)
 
 
 def first_node(

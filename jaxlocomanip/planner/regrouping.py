@@ -15,10 +15,7 @@ from jaxlocomanip.lanes import where_needed
 from jaxlocomanip.numerics import safe_norm, select
 from jaxlocomanip.planner import path, reference, regrasp
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.decision import options
 from jaxlocomanip.planner.state import Measurement, PlannerState, Task, start
-from jaxlocomanip.solver import sqp
-from jaxlocomanip.solver.ocp import Plan
 
 SHY = 0.05
 """m, more room that is wanted for walks around the object after there was too little for one"""
@@ -26,20 +23,12 @@ SHY = 0.05
 
 def regrouped(state: PlannerState, measured: Measurement, task: Task, config: PlannerConfig) -> PlannerState:
     """The state of a team that has begun to walk to another formation: no path yet, nobody pushes."""
-    fresh = start(task, measured, config)
-    here = dataclasses.replace(fresh.path, poses=jnp.broadcast_to(state.object.pose, fresh.path.poses.shape))
-    plan = Plan(
-        jnp.broadcast_to(
-            jnp.concatenate([state.object.pose, jnp.zeros(3, here.poses.dtype), measured.offset]),
-            state.solver.plan.xs.shape,
-        ),
-        jnp.zeros_like(state.solver.plan.us),
-    )
+    fresh = start(task, dataclasses.replace(measured, pose=state.object.pose), config)
     return dataclasses.replace(
         state,
-        path=here,
+        path=fresh.path,
         progress=fresh.progress,
-        solver=sqp.start(plan, options(config)),
+        solver=fresh.solver,
         force=fresh.force,
         offset=measured.offset,
         formation=measured.formation,

@@ -115,6 +115,10 @@ class Landscape:
     """[2, ...] cost of walking on by a face, forwards or backwards, and of what comes after"""
     value: Array
     """cost to go"""
+    first: Array
+    """[3] node at which a path from the start begins"""
+    cost: Array
+    """[] of that path"""
 
     @property
     def ending(self) -> Array:
@@ -147,17 +151,13 @@ def search_poses(
     local = jnp.concatenate([rotate(-goal[2], start[:2] - goal[:2]), wrap_angle(start[2:] - goal[2:])])
     grid = lay_grid(local)
     land, costs = survey(local, grid, query, shapes, formations, obstacles, body, config)
-    team = team_in(shapes.team, formations, query.now)
-    there = dataclasses.replace(shapes, team=team)
-    poses, last, cost = descend(
-        local, grid, land.value, land.ending, land.density, land.moves, there, body, config.reference.turn_radius
-    )
+    poses, last = descend(local, land.first, grid, land.value, land.ending, land.density, land.moves)
     heading = start[2] + poses[:, 2:] - local[2]
     poses = jnp.concatenate([goal[:2] + rotate(goal[2], poses[:, :2]), heading], axis=1)
     if count(formations) == 1:
         return Found(poses, at_goal(query.goal, query.now))
     at_once = _walks_at_once(query, costs, shapes, formations, obstacles, config)
-    stays = jnp.min(at_once) <= cost + jnp.where(query.stuck, _STUCK, 0.0)
+    stays = jnp.min(at_once) <= land.cost + jnp.where(query.stuck, _STUCK, 0.0)
     walks = jnp.where(stays, at_once, land.walks[:, *last])
     stop, poses = jnp.where(stays, FAR, land.stop[*last]), jnp.where(stays, start, poses)
     return Found(poses, _aim(query, poses[-1], stop, walks, count(formations)))
@@ -205,58 +205,88 @@ def survey(
 ) -> tuple[Landscape, Array]:
     """The grid as the present formation sees it, and the cost of the way [F + 1] in every formation.
 
-    The other formations are looked at where they might help.
-
-    A walk costs its price at least: where the goal can be reached for little more than the straight line, no other
-    formation need be looked at.
+    The other formations are looked at where they might help: a walk costs its price at least, so where the goal can be
+    reached for little more than the straight line, none of them need be.
     """
     size, now = count(formations), query.now
     field = distance_field(grid, local, query.goal.pose, shapes, obstacles, config)
-    arrive, walks = ends(grid, query.goal), config.reference.change_faces > 0.5
+    walks = config.reference.change_faces > 0.5
     fits = usable(formations) & (walks | (jnp.arange(size) == now))
     room = ring(field, grid, shapes) if size > 1 else field
-
-    def landscape(given: tuple[Any, ...]) -> Landscape:
-        k, table, query, shapes, formations, body, config, grid, field, room, arrive = given
-        there = dataclasses.replace(shapes, team=team_in(shapes.team, formations, k))
-        near, widest = clearance(field, grid, there, config)
-        density = 1.0 + 3.0 * jnp.maximum(config.reference.clearance - near, 0.0)
-        tight, overlap = (jnp.maximum(2.0 * config.constraints.margin - free, 0.0) for free in (near, widest))
-        density = density + _BLOCKED * (tight + overlap**2 / _THICKNESS)
-        moves = price_moves(there, body, grid.spacing, config.reference.turn_radius)
-        stop = arrive + grid.spacing * (density - 1.0)
-        walks = jnp.full((2, *stop.shape), FAR, stop.dtype)
-        if size > 1:
-            berth = config.safety.margin + ROOM + query.berth
-            for way, on in enumerate((1, -1)):
-                to = (k + on) % size
-                free = may_walk(room, k, to, shapes, formations, berth)
-                walks = walks.at[way].set(jnp.where(free, query.price + table[to], FAR))
-        value = cost_to_go(jnp.minimum(stop, jnp.min(walks, axis=0)), density, moves)
-        return Landscape(density, moves, stop, walks, value)
 
     def look(carry: _Survey, shift: Array) -> tuple[_Survey, None]:
         table, costs, known, wanted = carry
         k = (now + shift) % size
-        given = (k, table, query, shapes, formations, body, config, grid, field, room, arrive)
         needed = wanted & fits[k]
-        found = where_needed(needed, landscape, given, known)
+        given = (k, table, local, grid, field, room, query, shapes, formations, body, config)
+        found = where_needed(needed, lambda given: _landscape(*given), given, known)
         table = jnp.where(needed, table.at[k].set(found.value), table)
+        costs = jnp.where(needed, costs.at[k].set(found.cost), costs)
         known = select(shift == 0, found, known)
-        there = dataclasses.replace(shapes, team=team_in(shapes.team, formations, k))
-        turn_radius = config.reference.turn_radius
-        cost = first_node(local, grid, found.value, found.density, there, body, turn_radius)[1]
-        costs = jnp.where(needed, costs.at[k].set(cost), costs)
         far = costs[now] > safe_norm(local[:2]) + query.price
         return (table, costs, known, query.wide & (far | query.stuck)), None
 
-    blank = jnp.full((HEADINGS, CELLS, CELLS), FAR, local.dtype)
-    free = Moves(jnp.zeros((DIRECTIONS, HEADINGS, len(TURNS)), local.dtype), jnp.zeros(2, local.dtype))
-    first = Landscape(blank, free, blank, jnp.stack([blank, blank]), blank)
-    begin = (jnp.stack([blank] * size), jnp.full(size, FAR, local.dtype), first, jnp.ones((), bool))
+    nothing = _unseen(local.dtype)
+    begin = (jnp.stack([nothing.value] * size), jnp.full(size, FAR, local.dtype), nothing, jnp.ones((), bool))
     (_, costs, land, _), _ = jax.lax.scan(look, begin, jnp.asarray(order(size)))
     return land, costs
 
 
 _Survey = tuple[Array, Array, Landscape, Array]
 """Costs to go in all formations, costs of the way in them, what the present one sees, whether others may help."""
+
+
+def _unseen(dtype: Any) -> Landscape:
+    """Stands where no formation has been looked at."""
+    blank = jnp.full((HEADINGS, CELLS, CELLS), FAR, dtype)
+    moves = Moves(jnp.zeros((DIRECTIONS, HEADINGS, len(TURNS)), dtype), jnp.zeros(2, dtype))
+    first, cost = jnp.zeros(3, jnp.int32), jnp.full((), FAR, dtype)
+    return Landscape(blank, moves, blank, jnp.stack([blank, blank]), blank, first, cost)
+
+
+def _landscape(
+    k: Array,
+    table: Array,
+    local: Array,
+    grid: Grid,
+    field: Array,
+    room: Array,
+    query: Query,
+    shapes: Shapes,
+    formations: Formations,
+    body: Body,
+    config: PlannerConfig,
+) -> Landscape:
+    """The grid as formation k [] sees it.
+
+    Args:
+      k: [] int, formation.
+      table: [F + 1, HEADINGS, CELLS, CELLS] costs to go in the formations looked at before, `FAR` in others.
+      local: [3] start in the goal's frame.
+      grid: its place.
+      field: result of `distance_field`.
+      room: result of `ring`, where there are other formations.
+      query: from where to where.
+      shapes: geometry, and the team in its first formation.
+      formations: the other ones.
+      body: the object as estimated.
+      config: settings.
+    """
+    size, turn_radius = count(formations), config.reference.turn_radius
+    there = dataclasses.replace(shapes, team=team_in(shapes.team, formations, k))
+    near, widest = clearance(field, grid, there, config)
+    density = 1.0 + 3.0 * jnp.maximum(config.reference.clearance - near, 0.0)
+    tight, overlap = (jnp.maximum(2.0 * config.constraints.margin - free, 0.0) for free in (near, widest))
+    density = density + _BLOCKED * (tight + overlap**2 / _THICKNESS)
+    moves = price_moves(there, body, grid.spacing, turn_radius)
+    stop = ends(grid, query.goal) + grid.spacing * (density - 1.0)
+    walks = jnp.full((2, *stop.shape), FAR, stop.dtype)
+    if size > 1:
+        berth = config.safety.margin + ROOM + query.berth
+        for way, on in enumerate((1, -1)):
+            to = (k + on) % size
+            free = may_walk(room, k, to, shapes, formations, berth)
+            walks = walks.at[way].set(jnp.where(free, query.price + table[to], FAR))
+    value = cost_to_go(jnp.minimum(stop, jnp.min(walks, axis=0)), density, moves)
+    first, cost = first_node(local, grid, value, density, there, body, turn_radius)
+    return Landscape(density, moves, stop, walks, value, first, cost)
