@@ -90,17 +90,7 @@ def solve(problem: Problem, x0: Array, guess: Iterate, options: Options, limit: 
       limit: calls of the solver at most, each of `options.iterations` iterations.
     """
     fixed, first, warm = jax.lax.stop_gradient((problem, x0, guess))
-    warm = dataclasses.replace(warm, status=jnp.full_like(warm.status, Status.ITERATION_LIMIT))
-
-    def unfinished(carry: tuple[Iterate, Array]) -> Array:
-        iterate, count = carry
-        going = (iterate.status == Status.ITERATION_LIMIT) | (iterate.status == Status.NO_DESCENT)
-        return going & (count < limit)
-
-    def iterate(carry: tuple[Iterate, Array]) -> tuple[Iterate, Array]:
-        return sqp.solve(fixed, first, carry[0], options), carry[1] + 1
-
-    done, count = jax.lax.while_loop(unfinished, iterate, (warm, jnp.zeros((), jnp.int32)))
+    done, count = sqp.converge(fixed, first, warm, options, limit)
     plan, step = polish(fixed, first, done.plan)
     status = jnp.where(step < options.tolerance, Status.CONVERGED, done.status)
     status = jnp.where(all_finite(plan), status, Status.NONFINITE).astype(jnp.int32)

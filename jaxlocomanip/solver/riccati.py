@@ -18,6 +18,9 @@ from jax import Array
 from jaxlocomanip.numerics import Floats, apart, pytree, tiny
 from jaxlocomanip.solver.layout import applied, lanes_last, times, transposed_applied, transposed_times
 
+UNROLLED = 2
+"""stages that one turn of the compiled loops takes for a problem alone; of many lanes, one stage is work enough"""
+
 
 @pytree
 class LinearQuadratic:
@@ -68,6 +71,7 @@ def solve(lq: LinearQuadratic, dx0: Array, regularisation: Floats, definite: boo
 def _sweeps(lq: LinearQuadratic, dx0: Array, damping: Array, trusted: Callable[[Array], Array]) -> Direction:
     """Both sweeps; all arrays may have trailing axes."""
     nx, nz = lq.dynamics.shape[1:3]
+    unroll = UNROLLED if dx0.ndim == 1 else 1
 
     def backward(cost_to_go: tuple[Array, Array], k: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Any, ...]]:
         hessian, gradient, dynamics, defect = k
@@ -82,7 +86,7 @@ def _sweeps(lq: LinearQuadratic, dx0: Array, damping: Array, trusted: Callable[[
 
     start = lq.final_hessian, lq.final_gradient
     stages = lq.hessian, lq.gradient, lq.dynamics, lq.defect
-    first, (policy, values, slopes) = jax.lax.scan(backward, start, stages, reverse=True)
+    first, (policy, values, slopes) = jax.lax.scan(backward, start, stages, reverse=True, unroll=unroll)
     feedback, feedforward = _feedback(policy, nx)
 
     def forward(dx: Array, k: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
@@ -91,7 +95,7 @@ def _sweeps(lq: LinearQuadratic, dx0: Array, damping: Array, trusted: Callable[[
         new = _following(dynamics, defect, dx, du)
         return new, (new, du)
 
-    _, (dxs, dus) = jax.lax.scan(forward, dx0, (lq.dynamics, lq.defect, feedback, feedforward))
+    _, (dxs, dus) = jax.lax.scan(forward, dx0, (lq.dynamics, lq.defect, feedback, feedforward), unroll=unroll)
     costates = jax.vmap(applied)(values, dxs) + slopes
     first_costate = applied(first[0], dx0) + first[1]
     return Direction(jnp.concatenate([dx0[None], dxs]), dus, jnp.concatenate([first_costate[None], costates]), feedback)

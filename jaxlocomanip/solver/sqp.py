@@ -5,8 +5,10 @@ step of a fixed ladder of lengths with the least l1 merit
 
     phi = cost + nu sum_k |f_k(x_k, u_k) - x_{k+1}|_1,   nu > max |costate|.
 
-If no length decreases the merit the iterate stays and the Levenberg damping grows. Iteration counts are fixed, so a
-batch of problems is one compiled program; a lane whose numbers become non-finite keeps its last finite iterate.
+Merits are compared by their changes, stage by stage: close to a minimum these are far less than what rounding does to
+the whole. If no length decreases the merit the iterate stays and the Levenberg damping grows. Iteration counts are
+fixed, so a batch of problems is one compiled program; a lane whose numbers become non-finite keeps its last finite
+iterate.
 """
 
 from __future__ import annotations
@@ -108,6 +110,24 @@ def solve(problem: Problem, x0: Array, iterate: Iterate, options: Options, rival
     return jax.lax.scan(body, current, None, length=rest)[0]
 
 
+def converge(problem: Problem, x0: Array, iterate: Iterate, options: Options, limit: int) -> tuple[Iterate, Array]:
+    """`solve` called until the step is below `options.tolerance`, `limit` times at most; and how often, [].
+
+    For plans that are wanted once, not every tick. A batch goes on until its last lane is through. There are no reverse
+    derivatives; `implicit` has those of a converged plan.
+    """
+    fresh = dataclasses.replace(iterate, status=jnp.full_like(iterate.status, Status.ITERATION_LIMIT))
+
+    def unfinished(carry: tuple[Iterate, Array]) -> Array:
+        status, count = carry[0].status, carry[1]
+        return ((status == Status.ITERATION_LIMIT) | (status == Status.NO_DESCENT)) & (count < limit)
+
+    def again(carry: tuple[Iterate, Array]) -> tuple[Iterate, Array]:
+        return solve(problem, x0, carry[0], options), carry[1] + 1
+
+    return jax.lax.while_loop(unfinished, again, (fresh, jnp.zeros((), jnp.int32)))
+
+
 def evaluate(problem: Problem, plan: Plan) -> tuple[Array, Array]:
     """Objective [] and l1 norm [] of the dynamics defects of a plan."""
     costs, nexts = stage_values(problem, plan)
@@ -126,19 +146,19 @@ def rollout(problem: Problem, x0: Array, us: Array) -> Plan:
     return Plan(jnp.concatenate([x0[None], xs]), us)
 
 
-def linearise(problem: Problem, plan: Plan) -> tuple[LinearQuadratic, Array]:
-    """Gauss-Newton model at a plan (penalty Hessian J' diag(P'') J), and the objective []."""
+def linearise(problem: Problem, plan: Plan) -> tuple[LinearQuadratic, Array, Array]:
+    """Gauss-Newton model at a plan (penalty Hessian J' diag(P'') J), its stages' costs [N] and last residual [nf]."""
     models = stage_models(problem, plan)
     residual = problem.terminal(plan.xs[-1])
     rows = jax.jacfwd(problem.terminal)(plan.xs[-1])
     defect = models.next_state - plan.xs[1:]
     lq = LinearQuadratic(models.hessian, models.gradient, models.dynamics, defect, rows.T @ rows, rows.T @ residual)
-    return lq, jnp.sum(models.cost) + 0.5 * jnp.sum(residual**2)
+    return lq, models.cost, residual
 
 
 def _iteration(problem: Problem, iterate: Iterate, options: Options, rival: Plan | None) -> Iterate:
     plan = iterate.plan
-    lq, cost = linearise(problem, plan)
+    lq, stage_costs, residual = linearise(problem, plan)
     direction = solve_lq(lq, jnp.zeros_like(plan.xs[0]), iterate.damping)
     defect = jnp.sum(jnp.abs(lq.defect))
     weight = 1.5 * jnp.max(jnp.abs(direction.costates))
@@ -147,20 +167,28 @@ def _iteration(problem: Problem, iterate: Iterate, options: Options, rival: Plan
     if rival is not None:
         tried = jax.tree.map(lambda many, one: jnp.concatenate([many, one[None]]), tried, rival)
         lengths = jnp.append(lengths, 0.0)
-    costs, defects = jax.vmap(lambda p: evaluate(problem, p))(tried)
-    merits = jnp.where(jnp.isfinite(costs + defects), costs + weight * defects, jnp.inf)
+
+    def change(other: Plan) -> tuple[Array, Array]:
+        costs, nexts = stage_values(problem, other)
+        final = problem.terminal(other.xs[-1])
+        cost = jnp.sum(costs - stage_costs) + 0.5 * jnp.sum((final - residual) * (final + residual))
+        return cost, jnp.sum(jnp.abs(nexts - other.xs[1:]))
+
+    changed, defects = jax.vmap(change)(tried)
+    merits = jnp.where(jnp.isfinite(changed + defects), changed + weight * (defects - defect), jnp.inf)
     best = jnp.argmin(merits)
     step = jnp.maximum(jnp.max(jnp.abs(direction.dxs)), jnp.max(jnp.abs(direction.dus)))
     finite = all_finite(direction) & jnp.isfinite(merits[best])
     small = step < options.tolerance
-    accept = finite & ((merits[best] < cost + weight * defect) | small)
+    accept = finite & ((merits[best] < 0.0) | small)
     progress = jnp.where(small, Status.CONVERGED, jnp.where(accept, Status.ITERATION_LIMIT, Status.NO_DESCENT))
     less = jnp.maximum(iterate.damping / 10.0, options.damping)
     chosen = jax.tree.map(lambda leaf: leaf[best], tried)
+    cost = jnp.sum(stage_costs) + 0.5 * jnp.sum(residual**2)
     return Iterate(
         plan=select(accept, chosen, plan),
         damping=jnp.where(accept, less, jnp.minimum(iterate.damping * 30.0 + 1e-5, 1e6)),
-        cost=jnp.where(accept, costs[best], cost),
+        cost=jnp.where(accept, cost + changed[best], cost),
         defect=jnp.where(accept, defects[best], defect),
         step=step,
         length=jnp.where(accept, lengths[best], 0.0),

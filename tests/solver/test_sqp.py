@@ -215,3 +215,29 @@ def test_reference_problem(x64):
     end = jax.jit(lambda p, i: sqp.solve(p, jnp.zeros(8), i, options))(problem, sqp.start(guess, options))
     assert end.cost == pytest.approx(-34.43354, rel=1e-4)
     assert end.defect < 1e-6
+
+
+def test_converging_takes_as_many_iterations_as_it_needs(x64):
+    """The same iterates as one by one, until the step is small or the limit is met."""
+    problem, x0 = pendulum(), jnp.zeros(2)
+    converge = jax.jit(lambda i, limit: sqp.converge(problem, x0, i, OPTIONS, limit), static_argnums=1)
+    end, count = converge(sqp.start(bad_guess(), OPTIONS), 200)
+    now, steps = sqp.start(bad_guess(), OPTIONS), []
+    while not steps or steps[-1] >= OPTIONS.tolerance:
+        now = one_iteration(problem, x0, now)
+        steps.append(float(now.step))
+    assert end.status == Status.CONVERGED and count == len(steps)
+    assert np.allclose(end.plan.us, now.plan.us, rtol=1e-9)
+    end, count = converge(sqp.start(bad_guess(), OPTIONS), 3)
+    assert end.status != Status.CONVERGED and count == 3
+
+
+def test_single_precision_tells_steps_apart_near_a_minimum():
+    """Where full steps overshoot, the least of merits that round alike is no guide; their changes are."""
+    problem, guess = push2()
+    guess = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), guess)
+    end, count = jax.jit(lambda p, i: sqp.converge(p, jnp.zeros(8), i, Options(), 40))(
+        problem, sqp.start(guess, Options())
+    )
+    assert end.status == Status.CONVERGED and count <= 15
+    assert end.cost == pytest.approx(-34.43354, rel=1e-5)
