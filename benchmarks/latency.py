@@ -16,6 +16,7 @@ from jaxlocomanip.loop import task_of
 from jaxlocomanip.numerics import pytree
 from jaxlocomanip.planner import decision, nmpc, problem, reference, safety
 from jaxlocomanip.planner.problem import PushProblem
+from jaxlocomanip.planner.room import bodies_of, gaps_at
 from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.planner.state import Command, Measurement, PlannerState, Task, start
 from jaxlocomanip.scenario import Scenario
@@ -177,8 +178,11 @@ def _filter(
     estimate, parameters, obstacles, acting, watched = observed
     body = parameters.body
     proven = safety.least_friction(body, config)
-    seen = Situation(estimate, body, obstacles, measured.offset, acting, proven, watched.waiting, jnp.zeros((), bool))
-    return safety.safety_filter(force, rate, seen, task.shapes, config)
+    shapes, offset, none = task.shapes, measured.offset, jnp.zeros(())
+    bodies = bodies_of(shapes, config)
+    gaps = gaps_at(estimate.pose[:, None], offset[:, None], obstacles.position[..., None], bodies)[..., 0]
+    seen = Situation(estimate, body, obstacles, offset, gaps, acting, proven, watched.waiting, none, none > 0.0)
+    return safety.safety_filter(force, rate, shapes.team.force_max, seen, shapes, config)
 
 
 def _world_step(world: PlanarState, scenario: Scenario, push: Push, config: PlannerConfig) -> PlanarState:

@@ -5,17 +5,19 @@ Arrays are laid out as in `room`: components first, inputs last.
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import pytree, safe_norm
+from jaxlocomanip.numerics import Floats, pytree, safe_norm
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import Body, State
 from jaxlocomanip.planar.vector import Vector, unit, vector
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate
-from jaxlocomanip.planner.room import bodies_of, contacts, rooms_at
+from jaxlocomanip.planner.room import Bodies, bodies_of, contacts, rooms_at, standing_room
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.scenario import Team
@@ -25,6 +27,12 @@ SAMPLES = 6
 """steps of the braking motion, each checked at its end"""
 WAITS = 3
 """instants after the stop at which moving obstacles are looked at"""
+ROUNDING = 1e-5
+"""m, by which a body that does not move may seem to"""
+STIRRING = 0.02, 0.04
+"""m/s, mean speed from which on an object may, and does, move"""
+LEVER = 0.04
+"""m, by which the centre of mass may be beside where it is believed to be"""
 LIGHTER = 1.3
 """an object may be so many times lighter than estimated: a push then moves it further"""
 
@@ -90,43 +98,72 @@ class BrakeRooms:
 
 
 def braking_rooms(
-    forces: Array, rates: Array, situation: Situation, shapes: Shapes, config: PlannerConfig
+    forces: Array, rates: Array, doubt: Array, situation: Situation, shapes: Shapes, config: PlannerConfig
 ) -> BrakeRooms:
     """The room on the way to rest after one tick of each input.
 
     Args:
       forces: [C, N_r] N.
       rates: [C, N_r] m/s, of the contact offsets.
+      doubt: [C] how much of what is unknown of the centre of mass is reckoned with, and to which side (-1 to 1).
       situation: what is known.
       shapes: geometry.
       config: settings.
     """
     brake = brake_of(situation.body, situation.proven, shapes, config)
-    motion = braking_motion(forces.T, rates.T, situation.estimate, situation.offset, brake, shapes.team)
+    estimate = believed(situation)
+    bodies = bodies_of(shapes, config)
+    # Which way the first push turns the object is not known before it moves.
+    unknown = situation.waiting & (standing_room(situation.gaps, bodies) < config.safety.margin)
+    lever = doubt * jnp.where(unknown, LEVER, 0.0)
+    motion = braking_motion(forces.T, rates.T, lever, estimate, situation.offset, brake, shapes.team)
     # Instants and inputs along one axis.
     poses, offsets, times = (v.reshape(*v.shape[:-2], -1) for v in motion)
     obstacles = situation.obstacles
     places = obstacles.position[..., None] + times * obstacles.velocity[..., None]
-    rooms = rooms_at(poses, offsets, places, bodies_of(shapes, config))
-    rooms = jax.tree.map(lambda room: room.reshape(motion[2].shape) - config.safety.margin, rooms)
+    rooms = rooms_at(poses, offsets, places, bodies, room_to_keep(situation, bodies, config.safety.margin))
+    rooms = jax.tree.map(lambda room: room.reshape(motion[2].shape), rooms)
     # Until it is at rest the team answers for what it runs into: what moves may turn round in the meantime.
     swerve = 0.5 * config.safety.swerve * motion[2][:-WAITS] ** 2
     return BrakeRooms(
         standing=jnp.min(rooms.standing, axis=0),
-        team=jnp.min(rooms.team, axis=0),
+        team=jnp.min(rooms.team, axis=0) - config.safety.margin,
         moving=jnp.min(rooms.moving[:-WAITS] - swerve, axis=0),
         later=jnp.min(rooms.moving[-WAITS:], axis=0),
     )
 
 
+def believed(situation: Situation) -> ObjectEstimate:
+    """The estimate without the velocity that is noise: as long as an object lies still, all of it is."""
+    moves = jnp.clip((situation.stirring - STIRRING[0]) / (STIRRING[1] - STIRRING[0]), 0.0, 1.0)
+    share = jnp.where(situation.waiting, moves, 1.0)
+    return dataclasses.replace(situation.estimate, twist=share * situation.estimate.twist)
+
+
+def room_to_keep(situation: Situation, bodies: Bodies, margin: Floats) -> Array:
+    """[1 + N_r, N_o, 1] m, between bodies and obstacles: the margin, or what there is now if that is less.
+
+    A body that is within the margin of an obstacle that stands may come no closer, and is free to leave.
+    """
+    kept = jnp.where(bodies.obstacle_dynamic, margin, jnp.minimum(margin, situation.gaps - ROUNDING))
+    return kept[..., None]
+
+
 def braking_motion(
-    forces: Array, rates: Array, estimate: ObjectEstimate, offset: Array, brake: Brake, team: Team
+    forces: Array,
+    rates: Array,
+    lever: Array,
+    estimate: ObjectEstimate,
+    offset: Array,
+    brake: Brake,
+    team: Team,
 ) -> tuple[Array, Array, Array]:
     """Poses [3, n, C], contact offsets [N_r, n, C] and times [n, C] s to rest and of a wait there.
 
     Args:
       forces: [N_r, C] N.
       rates: [N_r, C] m/s.
+      lever: [C] m, by which the pushes' resultant passes the centre of mass beside where it is expected to.
       estimate: the object's state.
       offset: [N_r] m.
       brake: what braking is reckoned with.
@@ -137,6 +174,7 @@ def braking_motion(
     # A push may move more than expected (a lighter object).
     light = Body(body.mass / LIGHTER, body.inertia / LIGHTER, body.com, body.friction_force, body.friction_moment)
     push, moment = _wrench(forces, offset, team)
+    moment = moment + lever * safe_norm(jnp.stack([push.x, push.y]), axis=0)
     pushed = dynamics.advance(light, _state(pose, twist), push, moment, after, 0.0)
     first = offset + rates * brake.tick + after * slip(pose, twist, offset, rates, team)
     h = jnp.minimum(stopping_time(pushed, brake), 2.5) / SAMPLES

@@ -58,6 +58,11 @@ def limit_push(wrench_B: Array, com: Array, shapes: Shapes) -> Array:
     return safe_norm(jnp.concatenate([wrench_B[:2], moment]))
 
 
+def speed(twist: Array, shapes: Shapes) -> Array:
+    """[] m/s, size of a twist [3], rotation counted at the torsion radius."""
+    return safe_norm(jnp.concatenate([twist[:2], shapes.torsion_radius * twist[2:]]))
+
+
 def watch(before: Breakaway, measured: Array, push: Array, shapes: Shapes, tick: Floats) -> tuple[Breakaway, Array]:
     """One tick.
 
@@ -74,9 +79,8 @@ def watch(before: Breakaway, measured: Array, push: Array, shapes: Shapes, tick:
     guess = before.seen.pose + tick * before.seen.twist
     seen = correct_object(guess, before.seen.twist, measured, tick, _OBSERVER)
     mean = before.mean + tick / (tick + _MEAN) * (seen.twist - before.mean)
-    speed, usual = (safe_norm(jnp.concatenate([v[:2], shapes.torsion_radius * v[2:]])) for v in (seen.twist, mean))
-    slips = before.waiting & (speed > SLIP)
-    still = jnp.where(usual < STILL, before.still + tick, 0.0)
+    slips = before.waiting & (speed(seen.twist, shapes) > SLIP)
+    still = jnp.where(speed(mean, shapes) < STILL, before.still + tick, 0.0)
     waiting = jnp.where(before.waiting, ~slips, still > _TRUST)
     lagged = before.push + tick / (tick + _ONSET) * (push - before.push)
     return Breakaway(seen, mean, lagged, waiting, still), slips

@@ -14,7 +14,7 @@ from jaxlocomanip.planner import problem, reference, safety
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.path import Path
 from jaxlocomanip.planner.reference import Progress
-from jaxlocomanip.planner.room import FAR
+from jaxlocomanip.planner.room import FAR, bodies_of, standing_room
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.solver import sqp
@@ -26,6 +26,9 @@ SLOW = 0.1
 
 SURGE = 2.0, 0.05
 """N and share, by which a push may exceed what acts before the object breaks away: 30 N/s with the robots' lag"""
+AMPLE, GENTLEST = 0.06, 0.2
+"""m, room from which on it may be as much, and the least share of it: near obstacles the first motion has to be seen
+before it has become a fast one"""
 
 
 @pytree
@@ -78,12 +81,14 @@ def decide(
     solver = sqp.solve(ocp, x0, warm, options(config), rival)
     n, limits = offset.shape[0], shapes.team
     first = solver.plan.us[0]
+    room = standing_room(situation.gaps, bodies_of(shapes, config))
+    surge, share = (jnp.clip(room / AMPLE, GENTLEST, 1.0) * usual for usual in SURGE)
     # What will be left of a push once the object breaks away is not known before: it must not be much.
-    gently = jnp.where(situation.waiting, situation.force * (1.0 + SURGE[1]) + SURGE[0], jnp.inf)
-    gently = jnp.where(config.safety.enabled > 0.5, gently, jnp.inf)
-    wanted = jnp.clip(first[:n], 0.0, jnp.minimum(limits.force_max, gently))
+    gently = jnp.where(situation.waiting, situation.force * (1.0 + share) + surge, jnp.inf)
+    most = jnp.minimum(limits.force_max, jnp.where(config.safety.enabled > 0.5, gently, jnp.inf))
+    wanted = jnp.clip(first[:n], 0.0, most)
     slide = jnp.clip(first[n:], -limits.slide_speed_max, limits.slide_speed_max)
-    sent = safety.safety_filter(wanted, slide, situation, shapes, config)
+    sent = safety.safety_filter(wanted, slide, most, situation, shapes, config)
     return Decision(solver, sent, _report(ocp, solver, targets, sent, shapes, situation.held))
 
 

@@ -26,6 +26,7 @@ from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.path import Path
 from jaxlocomanip.planner.reference import Progress
 from jaxlocomanip.planner.regrouping import regrouped, regrouping
+from jaxlocomanip.planner.room import bodies_of, gaps_at
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.planner.state import Command, Measurement, PlannerState, Task
@@ -106,9 +107,7 @@ def tick(
     # The reference waits for the robots: a lead built up while nobody can push would be caught up with in a jerk.
     progress = select(jnp.any(measured.contact), progress, state.progress)
     warm = shift(state.solver, horizon.tick / horizon.dt)
-    body = parameters.body
-    proven = safety.prove_friction(state.proven, estimate, force, measured.offset, body, shapes, config)
-    situation = Situation(estimate, body, obstacles, measured.offset, force, proven, watched.waiting, progress.held)
+    situation = _situation(state, measured, (estimate, parameters, obstacles, force, watched), progress, shapes, config)
     progress = _scheduled(progress, state.path, situation, shapes, config)
     situation = dataclasses.replace(situation, held=progress.held)
     given = (situation, state.path, progress, warm, shapes, config)
@@ -128,7 +127,7 @@ def tick(
         decided.solver,
         force,
         measured.offset,
-        proven,
+        situation.proven,
         watched,
         measured.formation,
         state.berth,
@@ -138,6 +137,24 @@ def tick(
     if count(task.formations) > 1:
         new = regrouping(new, measured, task, config)
     return new, new.command, decided.report
+
+
+def _situation(
+    state: PlannerState,
+    measured: Measurement,
+    observed: tuple[ObjectEstimate, ParameterEstimate, ObstacleEstimate, Array, Breakaway],
+    progress: Progress,
+    shapes: Shapes,
+    config: PlannerConfig,
+) -> Situation:
+    """What inputs are chosen from, after `observe`."""
+    estimate, parameters, obstacles, force, watched = observed
+    offset, body = measured.offset, parameters.body
+    proven = safety.prove_friction(state.proven, estimate, force, offset, body, shapes, config)
+    places = obstacles.position[..., None]
+    gaps = gaps_at(estimate.pose[:, None], offset[:, None], places, bodies_of(shapes, config))[..., 0]
+    stirring = breakaway.speed(watched.mean, shapes)
+    return Situation(estimate, body, obstacles, offset, gaps, force, proven, watched.waiting, stirring, progress.held)
 
 
 def _scheduled(progress: Progress, path: Path, situation: Situation, shapes: Shapes, config: PlannerConfig) -> Progress:

@@ -74,7 +74,7 @@ class Rooms:
     """robots to each other"""
 
 
-def rooms_at(poses: Array, offsets: Array, places: Array, bodies: Bodies) -> Rooms:
+def rooms_at(poses: Array, offsets: Array, places: Array, bodies: Bodies, kept: Floats = 0.0) -> Rooms:
     """Rooms of n situations.
 
     Args:
@@ -82,10 +82,12 @@ def rooms_at(poses: Array, offsets: Array, places: Array, bodies: Bodies) -> Roo
       offsets: [N_r, n] m.
       places: [N_o, 2, n] m, of the obstacles.
       bodies: the shapes.
+      kept: m, of the room between bodies and obstacles, what is not to be used up; [1 + N_r, N_o, 1] of each pair, or
+        one number.
     """
     team = bodies.team
     offsets = jnp.clip(offsets, -team.offset_limit[:, None], team.offset_limit[:, None])
-    object_gaps, *robot_gaps = _to_obstacles(poses, offsets, places, bodies)
+    object_gaps, *robot_gaps = gaps_at(poses, offsets, places, bodies) - kept
     object_gaps = jnp.where(bodies.protected[0], object_gaps, FAR)
     gaps = jnp.minimum(object_gaps, jnp.where(bodies.protected[1], reduce(jnp.minimum, robot_gaps), FAR))
     moves = bodies.obstacle_dynamic[:, None]
@@ -103,7 +105,13 @@ def rooms_at(poses: Array, offsets: Array, places: Array, bodies: Bodies) -> Roo
 
 def robot_rooms(poses: Array, offsets: Array, places: Array, bodies: Bodies) -> Array:
     """[N_r, n] m, room of each robot's true shape to the obstacles; arguments as in `rooms_at`."""
-    return jnp.stack([_least(gaps) for gaps in _to_obstacles(poses, offsets, places, bodies)[1:]])
+    return jnp.stack([_least(gaps) for gaps in gaps_at(poses, offsets, places, bodies)[1:]])
+
+
+def standing_room(gaps: Array, bodies: Bodies) -> Array:
+    """[] m, least of the gaps [1 + N_r, N_o] between bodies that are protected and obstacles that stand."""
+    protected = jnp.concatenate([bodies.protected[:1], jnp.repeat(bodies.protected[1:], gaps.shape[0] - 1)])
+    return jnp.min(jnp.where(protected[:, None] & ~bodies.obstacle_dynamic, gaps, FAR))
 
 
 def _least(rows: Array) -> Array:
@@ -111,7 +119,7 @@ def _least(rows: Array) -> Array:
     return reduce(jnp.minimum, [*rows])
 
 
-def _to_obstacles(poses: Array, offsets: Array, places: Array, bodies: Bodies) -> Array:
+def gaps_at(poses: Array, offsets: Array, places: Array, bodies: Bodies) -> Array:
     """[1 + N_r, N_o, n] m, signed distances of object and robots to the obstacles; `FAR` where there is none."""
     moving = outline(_corners(poses, offsets, bodies))
     vertices = jnp.moveaxis(bodies.obstacle_vertices, 1, 0)
@@ -156,8 +164,12 @@ def contacts(offsets: Array, team: Team) -> tuple[Vector, Vector]:
     return side_by_side(team.origin) + normal.turned * offsets, normal
 
 
-def slide_limits(pose: Array, offset: Array, places: Array, shapes: Shapes, config: PlannerConfig) -> Array:
-    """[2, N_r] m/s, fastest offset rates downwards and upwards with which no robot walks into an obstacle.
+def slide_limits(
+    pose: Array, offset: Array, places: Array, shapes: Shapes, config: PlannerConfig
+) -> tuple[Array, Array]:
+    """Fastest offset rates [2, N_r] m/s, downwards and upwards, with which no robot walks into an obstacle.
+
+    Also the rates [N_r] with which those that have less than twice the margin slide to where there is more room.
 
     The same barrier condition as `keep_room`, on the room of each robot by itself. It is asked of single robots
     because candidates move all at once: of two robots between obstacles one would give way at the other's cost, to and
@@ -176,7 +188,11 @@ def slide_limits(pose: Array, offset: Array, places: Array, shapes: Shapes, conf
     now, then = rooms[:, 0], rooms[:, 1:].T
     closing = jnp.maximum(now - then, 0.0) / AHEAD
     rates = ROOM_RATE * jnp.maximum(now - config.safety.margin, 0.0) / jnp.maximum(closing, 1e-3)
-    return jnp.where((config.safety.enabled > 0.5) & (config.protection.robots > 0.5), rates, jnp.inf)
+    guarded = (config.safety.enabled > 0.5) & (config.protection.robots > 0.5)
+    rates = jnp.where(guarded & (closing > 0.0), rates, jnp.inf)
+    missing = jnp.maximum(2.0 * config.safety.margin - now, 0.0)
+    away = ROOM_RATE * missing * jnp.sign(then[1] - then[0]) * (jnp.max(then, axis=0) > now + 0.1 * AHEAD)
+    return rates, jnp.clip(away, -shapes.team.slide_speed_max, shapes.team.slide_speed_max)
 
 
 def keep_room(offset: Array, rate: Array, team: Team, margin: Floats) -> Array:

@@ -16,14 +16,13 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from jaxlocomanip.lanes import where_needed
 from jaxlocomanip.numerics import pytree, safe_norm
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
-from jaxlocomanip.planner.braking import BrakeRooms, braking_rooms
+from jaxlocomanip.planner.braking import STIRRING, BrakeRooms, braking_rooms
 from jaxlocomanip.planner.breakaway import limit_push
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate
@@ -31,6 +30,8 @@ from jaxlocomanip.planner.room import FAR, keep_room, slide_limits
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.situation import Situation
 
+HOLD = 0.98
+"""share of a push that moved nothing, that goes on while no other is safe"""
 STOP = -2
 """place of the candidate that neither pushes nor slides"""
 
@@ -49,62 +50,82 @@ class Filtered:
     """[] m, least room of the chosen candidate to obstacles, beyond the margin"""
 
 
-def candidates(force: Array, rate: Array, back: Array) -> tuple[Array, Array]:
-    """[n, N_r] forces and rates around an input, in the order of preference; `back` are rates the other way."""
-    count = force.shape[0]
-    scales = [
-        (np.ones(count), 1.0),
-        (np.ones(count), 0.0),
-        (0.5 * np.ones(count), 1.0),
-        (0.5 * np.ones(count), 0.0),
-    ]
-    scales += [(1.0 - np.eye(count)[i], 0.0) for i in range(count)]
-    scales += [(np.zeros(count), 1.0), (np.zeros(count), 0.0), (np.zeros(count), -1.0)]
-    pushes = jnp.asarray(np.array([s for s, _ in scales]), force.dtype)
-    slides = jnp.asarray(np.array([r for _, r in scales]), force.dtype)
-    return pushes * force, jnp.where(slides[:, None] < 0.0, back, slides[:, None] * rate)
+@pytree
+class Candidates:
+    """Inputs around the planner's own, in the order of preference."""
+
+    forces: Array
+    """[n, N_r] N"""
+    rates: Array
+    """[n, N_r] m/s"""
+    holds: Array
+    """[n] bool, the one that goes on with the push that acts on an object at rest"""
 
 
-def safety_filter(force: Array, rate: Array, situation: Situation, shapes: Shapes, config: PlannerConfig) -> Filtered:
+def candidates(
+    force: Array, rate: Array, most: Array, situation: Situation, shapes: Shapes, config: PlannerConfig
+) -> Candidates:
+    """All inputs that are looked at; arguments as in `safety_filter`."""
+    offset, waiting = situation.offset, situation.waiting
+    fastest, away = slide_limits(situation.estimate.pose, offset, situation.obstacles.position, shapes, config)
+    rate, back, away = (
+        keep_room(offset, jnp.clip(wanted, -fastest[0], fastest[1]), shapes.team, config.safety.margin)
+        for wanted in (rate, -rate, away)
+    )
+    # What acts on an object that lies still does not move it. From there single robots may push harder.
+    held, each = HOLD * situation.force, jnp.eye(force.shape[0], dtype=force.dtype)
+    others = jnp.where(waiting, held + each * jnp.maximum(most - held, 0.0), force * (1.0 - each))
+    less = jnp.where(waiting, held, 0.5 * force)
+    none, stay = jnp.zeros_like(force), jnp.zeros_like(rate)
+    forces = [force, force, *others, less, less, none, none, none, none]
+    rates = [rate, stay, *[stay] * others.shape[0], away, rate, rate, away, stay, back]
+    holds = waiting & (jnp.arange(len(forces)) == 2 + others.shape[0])
+    return Candidates(jnp.stack(forces), jnp.stack(rates), holds)
+
+
+def safety_filter(
+    force: Array, rate: Array, most: Array, situation: Situation, shapes: Shapes, config: PlannerConfig
+) -> Filtered:
     """The nearest safe input (see the module's text).
 
     Args:
       force: [N_r] N, the planner's first force.
       rate: [N_r] m/s, its first offset rate.
+      most: [N_r] N, that may be pushed.
       situation: what is known; of its friction the proven one is used.
       shapes: geometry.
       config: settings.
     """
-    offset = situation.offset
-    fastest = slide_limits(situation.estimate.pose, offset, situation.obstacles.position, shapes, config)
-
-    def kept(rate: Array) -> Array:
-        return keep_room(offset, jnp.clip(rate, -fastest[0], fastest[1]), shapes.team, config.safety.margin)
-
-    forces, rates = candidates(force, kept(rate), kept(-rate))
-
-    def rooms(given: tuple[Array, Array, Situation, Shapes, PlannerConfig]) -> BrakeRooms:
-        pushes, slides, situation, shapes, config = given
-        # A push may help to brake as well as drive: neither more nor less of it than expected may do harm.
-        doubled = jnp.concatenate([pushes, jnp.zeros_like(pushes)]), jnp.concatenate([slides, slides])
-        both = braking_rooms(*doubled, situation, shapes, config)
-        least = jax.tree.map(lambda room: jnp.minimum(*jnp.split(room, 2)), both)
-        # A team that is on its way past an obstacle may do what it could not survive if it stopped for good.
-        return dataclasses.replace(least, later=jnp.where(situation.held, least.later, FAR))
-
-    own = rooms((forces[:1], rates[:1], situation, shapes, config))
+    tried = candidates(force, rate, most, situation, shapes, config)
+    forces, rates = tried.forces, tried.rates
+    own = _rooms((forces[:1], rates[:1], situation, shapes, config))
     keep = own.safe[0] | (config.safety.enabled < 0.5)
 
     # Most inputs are safe as they are: the others are looked at only where this one is not.
     given = jax.lax.stop_gradient((forces[1:], rates[1:], situation, shapes, config))
     unseen = jax.tree.map(lambda room: jnp.full((forces.shape[0] - 1,), -FAR, room.dtype), own)
-    others = where_needed(~keep, rooms, given, unseen)
+    others = where_needed(~keep, _rooms, given, unseen)
     room = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), own, others)
-    best = jax.lax.stop_gradient(jnp.where(keep, 0, preferred(room, forces, situation.waiting)))
+    still = tried.holds & (situation.stirring < STIRRING[0]) & (jnp.minimum(room.moving, room.later) >= 0.0)
+    chosen = preferred(room, room.safe | still, forces, situation.waiting)
+    best = jax.lax.stop_gradient(jnp.where(keep, 0, chosen))
     return Filtered(forces[best], rates[best], best.astype(jnp.int32), room.to_obstacles[best])
 
 
-def preferred(room: BrakeRooms, forces: Array, waiting: Array) -> Array:
+def _rooms(given: tuple[Array, Array, Situation, Shapes, PlannerConfig]) -> BrakeRooms:
+    """Rooms of inputs [C, N_r], in the worst of the cases that are reckoned with."""
+    forces, rates, situation, shapes, config = given
+    # A push may help to brake as well as drive: neither more nor less of it than expected may do harm, nor may the way
+    # in which it turns the object.
+    share, doubt = (jnp.repeat(jnp.array(v, forces.dtype), forces.shape[0]) for v in ((1, 0, 1, 1), (0, 0, 1, -1)))
+    forces, rates = (jnp.concatenate([v] * 4) for v in (forces, rates))
+    each = braking_rooms(share[:, None] * forces, rates, doubt, situation, shapes, config)
+    least = jax.tree.map(lambda room: jnp.min(room.reshape(4, -1), axis=0), each)
+    # A team that is on its way past an obstacle may do what it could not survive if it stopped for good.
+    return dataclasses.replace(least, later=jnp.where(situation.held, least.later, FAR))
+
+
+def preferred(room: BrakeRooms, safe: Array, forces: Array, waiting: Array) -> Array:
     """[] int, the candidate to send.
 
     The first that is safe; else, of those that come to rest in time, the one with the most room to what comes its way
@@ -113,6 +134,7 @@ def preferred(room: BrakeRooms, forces: Array, waiting: Array) -> Array:
 
     Args:
       room: of the candidates.
+      safe: [n] bool, which of them are.
       forces: [n, N_r] N, theirs.
       waiting: [] bool, the team is at rest.
     """
@@ -122,7 +144,7 @@ def preferred(room: BrakeRooms, forces: Array, waiting: Array) -> Array:
     stops = room.on_the_way >= 0.0
     in_time = jnp.argmax(jnp.where(stops, room.later - last, -jnp.inf))
     too_late = jnp.where(jnp.any(room.moving >= 0.0), jnp.argmax(room.on_the_way - last), order.shape[0] + STOP)
-    return jnp.where(jnp.any(room.safe), jnp.argmax(room.safe), jnp.where(jnp.any(stops), in_time, too_late))
+    return jnp.where(jnp.any(safe), jnp.argmax(safe), jnp.where(jnp.any(stops), in_time, too_late))
 
 
 def least_friction(body: Body, config: PlannerConfig) -> Array:

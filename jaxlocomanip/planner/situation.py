@@ -19,11 +19,15 @@ class Situation:
     obstacles: ObstacleEstimate
     offset: Array
     """[N_r] m, contact offsets"""
+    gaps: Array
+    """[1 + N_r, N_o] m, from object and robots to the obstacles (`room.gaps_at`)"""
     force: Array
     """[N_r] N, pushes believed to act now"""
     proven: Array
     """[] N, friction to brake with (`safety.prove_friction`)"""
     waiting: Array
     """[] bool: the object has not broken away since it was at rest (`breakaway`)"""
+    stirring: Array
+    """[] m/s, mean speed of late, seen without any belief in friction (`breakaway`)"""
     held: Array
     """[] bool: the team waits for an obstacle to pass (`schedule`)"""

@@ -11,7 +11,7 @@ from jaxlocomanip.planner import reference, schedule
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.path import POINTS, pace, straight_poses
-from jaxlocomanip.planner.room import bodies_of, rooms_at
+from jaxlocomanip.planner.room import bodies_of, gaps_at, rooms_at
 from jaxlocomanip.planner.shapes import shapes_of
 from jaxlocomanip.planner.situation import Situation
 
@@ -47,11 +47,13 @@ def step(scenario, path, progress, time, noise):
     seen = ObstacleEstimate(place, obstacles.velocity + noise, zero[None])
     none = jnp.zeros(())
     estimate = ObjectEstimate(pose, zero, zero)
+    bodies = bodies_of(shapes, CONFIG)
+    gaps = gaps_at(pose[:, None], offset[:, None], place[..., None], bodies)[..., 0]
     situation = Situation(
-        estimate, scenario.object.body, seen, offset, 0.0 * offset, none, jnp.zeros((), bool), progress.held
+        estimate, scenario.object.body, seen, offset, gaps, 0.0 * offset, none, jnp.zeros((), bool), none, progress.held
     )
     held = schedule.has_to_wait(path, progress, situation, shapes, CONFIG)
-    room = rooms_at(pose[:, None], offset[:, None], place[..., None], bodies_of(shapes, CONFIG)).moving[0]
+    room = rooms_at(pose[:, None], offset[:, None], place[..., None], bodies).moving[0]
     way = jnp.where(held, 0.0, TICK * reference.speed_at(progress.projected, path, CONFIG.reference))
     return dataclasses.replace(progress, projected=progress.projected + way, held=held), room
 
