@@ -113,9 +113,7 @@ def braking_rooms(
     brake = brake_of(situation.body, situation.proven, shapes, config)
     estimate = believed(situation)
     bodies = bodies_of(shapes, config)
-    # Which way the first push turns the object is not known before it moves.
-    unknown = situation.waiting & (standing_room(situation.gaps, bodies) < config.safety.margin)
-    lever = doubt * jnp.where(unknown, LEVER, 0.0)
+    lever = doubt * jnp.where(turns_unknown(situation, bodies, config.safety.margin), LEVER, 0.0)
     motion = braking_motion(forces.T, rates.T, lever, estimate, situation.offset, brake, shapes.team)
     # Instants and inputs along one axis.
     poses, offsets, times = (v.reshape(*v.shape[:-2], -1) for v in motion)
@@ -131,6 +129,11 @@ def braking_rooms(
         moving=jnp.min(rooms.moving[:-WAITS] - swerve, axis=0),
         later=jnp.min(rooms.moving[-WAITS:], axis=0),
     )
+
+
+def turns_unknown(situation: Situation, bodies: Bodies, margin: Floats) -> Array:
+    """[] bool: an obstacle is within the margin, and which way a push turns the object is yet to be seen."""
+    return situation.waiting & (standing_room(situation.gaps, bodies) < margin)
 
 
 def believed(situation: Situation) -> ObjectEstimate:

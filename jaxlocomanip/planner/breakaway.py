@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxlocomanip.numerics import Floats, pytree, safe_norm
+from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.geometry import cross
 from jaxlocomanip.planner.adaptation import ParameterEstimate
 from jaxlocomanip.planner.config import Estimation, PlannerConfig
@@ -98,7 +99,9 @@ def corrected(
     slips = slips & (config.adaptation.breakaway > 0.5) & adapts & (config.safety.enabled > 0.5)
 
     def bounded(psi: Array) -> Array:
-        share = jnp.minimum(1.0, watched.push / jnp.maximum(psi[4], 1e-3))
+        # Noise passes for a slip once in some hundred thousand ticks, also when nobody pushes.
+        least = config.safety.friction * psi[0] * dynamics.GRAVITY
+        share = jnp.minimum(1.0, jnp.maximum(watched.push, least) / jnp.maximum(psi[4], 1e-3))
         return jnp.where(slips, psi.at[4:].multiply(share), psi)
 
     twist = jnp.where(slips, watched.seen.twist, estimate.twist)

@@ -22,11 +22,11 @@ from jaxlocomanip.lanes import where_needed
 from jaxlocomanip.numerics import pytree, safe_norm
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
-from jaxlocomanip.planner.braking import STIRRING, BrakeRooms, braking_rooms
+from jaxlocomanip.planner.braking import STIRRING, BrakeRooms, braking_rooms, turns_unknown
 from jaxlocomanip.planner.breakaway import limit_push
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate
-from jaxlocomanip.planner.room import FAR, keep_room, slide_limits
+from jaxlocomanip.planner.room import FAR, bodies_of, keep_room, slide_limits
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.situation import Situation
 
@@ -98,29 +98,45 @@ def safety_filter(
     """
     tried = candidates(force, rate, most, situation, shapes, config)
     forces, rates = tried.forces, tried.rates
-    own = _rooms((forces[:1], rates[:1], situation, shapes, config))
-    keep = own.safe[0] | (config.safety.enabled < 0.5)
+    own = _rooms(forces[:1], rates[:1], CERTAIN, situation, shapes, config)
+    unknown = turns_unknown(situation, bodies_of(shapes, config), config.safety.margin)
+    keep = (own.safe[0] & ~unknown) | (config.safety.enabled < 0.5)
 
-    # Most inputs are safe as they are: the others are looked at only where this one is not.
-    given = jax.lax.stop_gradient((forces[1:], rates[1:], situation, shapes, config))
-    unseen = jax.tree.map(lambda room: jnp.full((forces.shape[0] - 1,), -FAR, room.dtype), own)
-    others = where_needed(~keep, _rooms, given, unseen)
-    room = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), own, others)
+    # Most inputs are safe as they are: others, and which way the object may turn, are looked at only where they matter.
+    given = jax.lax.stop_gradient((forces, rates, situation, shapes, config))
+    alone = jax.tree.map(lambda room: jnp.full(forces.shape[:1], -FAR, room.dtype).at[0].set(room[0]), own)
+    room = where_needed(~keep, _all_rooms, given, alone)
     still = tried.holds & (situation.stirring < STIRRING[0]) & (jnp.minimum(room.moving, room.later) >= 0.0)
     chosen = preferred(room, room.safe | still, forces, situation.waiting)
     best = jax.lax.stop_gradient(jnp.where(keep, 0, chosen))
     return Filtered(forces[best], rates[best], best.astype(jnp.int32), room.to_obstacles[best])
 
 
-def _rooms(given: tuple[Array, Array, Situation, Shapes, PlannerConfig]) -> BrakeRooms:
-    """Rooms of inputs [C, N_r], in the worst of the cases that are reckoned with."""
+CERTAIN: tuple[tuple[float, float], ...] = ((1.0, 0.0), (0.0, 0.0))
+"""Cases, as share of the push and of what is unknown of the centre of mass: a push may help to brake as well as drive,
+so that neither more nor less of it than expected may do harm."""
+DOUBTFUL = (*CERTAIN, (1.0, 1.0), (1.0, -1.0))
+"""Nor may the way in which it turns the object."""
+
+
+def _all_rooms(given: tuple[Array, Array, Situation, Shapes, PlannerConfig]) -> BrakeRooms:
     forces, rates, situation, shapes, config = given
-    # A push may help to brake as well as drive: neither more nor less of it than expected may do harm, nor may the way
-    # in which it turns the object.
-    share, doubt = (jnp.repeat(jnp.array(v, forces.dtype), forces.shape[0]) for v in ((1, 0, 1, 1), (0, 0, 1, -1)))
-    forces, rates = (jnp.concatenate([v] * 4) for v in (forces, rates))
+    return _rooms(forces, rates, DOUBTFUL, situation, shapes, config)
+
+
+def _rooms(
+    forces: Array,
+    rates: Array,
+    cases: tuple[tuple[float, float], ...],
+    situation: Situation,
+    shapes: Shapes,
+    config: PlannerConfig,
+) -> BrakeRooms:
+    """Rooms of inputs [C, N_r], in the worst of the cases."""
+    share, doubt = jnp.repeat(jnp.array(cases, forces.dtype).T, forces.shape[0], axis=1)
+    forces, rates = (jnp.concatenate([v] * len(cases)) for v in (forces, rates))
     each = braking_rooms(share[:, None] * forces, rates, doubt, situation, shapes, config)
-    least = jax.tree.map(lambda room: jnp.min(room.reshape(4, -1), axis=0), each)
+    least = jax.tree.map(lambda room: jnp.min(room.reshape(len(cases), -1), axis=0), each)
     # A team that is on its way past an obstacle may do what it could not survive if it stopped for good.
     return dataclasses.replace(least, later=jnp.where(situation.held, least.later, FAR))
 

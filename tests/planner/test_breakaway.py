@@ -80,7 +80,8 @@ def test_a_slip_lowers_friction_to_the_push_and_never_raises_it(make_scenario):
     parameters = adaptation.start(scenario.object, CONFIG.adaptation)
     before = start_object(jnp.zeros(3))
     state = breakaway.start(jnp.zeros(3))
-    for push, slips, share in ((8.0, True, None), (8.0, False, 1.0), (1e3, True, 1.0)):
+    least = float(CONFIG.safety.friction * parameters.psi[0] * dynamics.GRAVITY / parameters.psi[4])
+    for push, slips, share in ((8.0, True, None), (8.0, False, 1.0), (1e3, True, 1.0), (0.0, True, least)):
         seen = dataclasses.replace(state, push=jnp.asarray(push), seen=moving(state.seen, [0.2, 0.0, 0.1]))
         estimate, after = breakaway.corrected(before, parameters, seen, jnp.asarray(slips), CONFIG)
         expected = push / float(parameters.psi[4]) if share is None else share
