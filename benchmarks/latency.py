@@ -14,9 +14,8 @@ from benchmarks.timing import compiled, milliseconds
 from jaxlocomanip import PlannerConfig, build_scenario, find_scenario
 from jaxlocomanip.loop import task_of
 from jaxlocomanip.numerics import pytree
-from jaxlocomanip.planner import decision, nmpc, problem, reference, safety
+from jaxlocomanip.planner import decision, keeping, nmpc, problem, reference, safety
 from jaxlocomanip.planner.problem import PushProblem
-from jaxlocomanip.planner.room import bodies_of, gaps_at
 from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.planner.state import Command, Measurement, PlannerState, Task, start
 from jaxlocomanip.scenario import Scenario
@@ -179,9 +178,8 @@ def _filter(
     body = parameters.body
     proven = safety.least_friction(body, config)
     shapes, offset, none = task.shapes, measured.offset, jnp.zeros(())
-    bodies = bodies_of(shapes, config)
-    gaps = gaps_at(estimate.pose[:, None], offset[:, None], obstacles.position[..., None], bodies)[..., 0]
-    seen = Situation(estimate, body, obstacles, offset, gaps, acting, proven, watched.waiting, none, none > 0.0)
+    gaps = keeping.gaps_of(estimate, offset, obstacles, shapes, config)
+    seen = Situation(estimate, body, obstacles, offset, gaps, gaps, acting, proven, watched.waiting, none, none > 0.0)
     return safety.safety_filter(force, rate, shapes.team.force_max, seen, shapes, config)
 
 

@@ -27,8 +27,6 @@ SAMPLES = 6
 """steps of the braking motion, each checked at its end"""
 WAITS = 3
 """instants after the stop at which moving obstacles are looked at"""
-ROUNDING = 1e-5
-"""m, by which a body that does not move may seem to"""
 STIRRING = 0.02, 0.04
 """m/s, mean speed from which on an object may, and does, move"""
 LEVER = 0.04
@@ -119,7 +117,7 @@ def braking_rooms(
     poses, offsets, times = (v.reshape(*v.shape[:-2], -1) for v in motion)
     obstacles = situation.obstacles
     places = obstacles.position[..., None] + times * obstacles.velocity[..., None]
-    rooms = rooms_at(poses, offsets, places, bodies, room_to_keep(situation, bodies, config.safety.margin))
+    rooms = rooms_at(poses, offsets, places, bodies, situation.kept[..., None])
     rooms = jax.tree.map(lambda room: room.reshape(motion[2].shape), rooms)
     # Until it is at rest the team answers for what it runs into: what moves may turn round in the meantime.
     swerve = 0.5 * config.safety.swerve * motion[2][:-WAITS] ** 2
@@ -141,15 +139,6 @@ def believed(situation: Situation) -> ObjectEstimate:
     moves = jnp.clip((situation.stirring - STIRRING[0]) / (STIRRING[1] - STIRRING[0]), 0.0, 1.0)
     share = jnp.where(situation.waiting, moves, 1.0)
     return dataclasses.replace(situation.estimate, twist=share * situation.estimate.twist)
-
-
-def room_to_keep(situation: Situation, bodies: Bodies, margin: Floats) -> Array:
-    """[1 + N_r, N_o, 1] m, between bodies and obstacles: the margin, or what there is now if that is less.
-
-    A body that is within the margin of an obstacle that stands may come no closer, and is free to leave.
-    """
-    kept = jnp.where(bodies.obstacle_dynamic, margin, jnp.minimum(margin, situation.gaps - ROUNDING))
-    return kept[..., None]
 
 
 def braking_motion(

@@ -17,7 +17,7 @@ from jaxlocomanip.formation import count
 from jaxlocomanip.lanes import GROUP, where_needed
 from jaxlocomanip.numerics import T, select, wrap_angle
 from jaxlocomanip.planar import dynamics
-from jaxlocomanip.planner import adaptation, breakaway, estimation, path, reference, route, safety, schedule
+from jaxlocomanip.planner import adaptation, breakaway, estimation, keeping, path, reference, route, safety, schedule
 from jaxlocomanip.planner.adaptation import ParameterEstimate
 from jaxlocomanip.planner.breakaway import Breakaway
 from jaxlocomanip.planner.config import PlannerConfig
@@ -26,7 +26,6 @@ from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.path import Path
 from jaxlocomanip.planner.reference import Progress
 from jaxlocomanip.planner.regrouping import regrouped, regrouping
-from jaxlocomanip.planner.room import bodies_of, gaps_at
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.planner.state import Command, Measurement, PlannerState, Task
@@ -107,16 +106,24 @@ def tick(
     # The reference waits for the robots: a lead built up while nobody can push would be caught up with in a jerk.
     progress = select(jnp.any(measured.contact), progress, state.progress)
     warm = shift(state.solver, horizon.tick / horizon.dt)
-    situation = _situation(state, measured, (estimate, parameters, obstacles, force, watched), progress, shapes, config)
+    gaps = keeping.gaps_of(estimate, measured.offset, obstacles, shapes, config)
+    kept = keeping.watch(state.kept, gaps, horizon.tick)
+    keep = keeping.room_to_keep(kept, gaps, shapes.obstacle_dynamic, config.safety.margin)
+    body, offset = parameters.body, measured.offset
+    proven = safety.prove_friction(state.proven, estimate, force, offset, body, shapes, config)
+    stirring = breakaway.speed(watched.mean, shapes)
+    situation = Situation(
+        estimate, body, obstacles, offset, gaps, keep, force, proven, watched.waiting, stirring, progress.held
+    )
     progress = _scheduled(progress, state.path, situation, shapes, config)
     situation = dataclasses.replace(situation, held=progress.held)
     given = (situation, state.path, progress, warm, shapes, config)
     decided = _if_awake(progress, decide, given, at_rest(situation, warm), config)
     limit = shapes.team.offset_limit
     sent = decided.sent
-    offset = jnp.clip(measured.offset + horizon.tick * sent.offset_rate, -limit, limit)
+    wanted = jnp.clip(offset + horizon.tick * sent.offset_rate, -limit, limit)
     twist = decided.solver.plan.xs[1, 3:6]
-    command = Command(sent.force, sent.offset_rate, offset, twist, progress.resting, measured.formation)
+    command = Command(sent.force, sent.offset_rate, wanted, twist, progress.resting, measured.formation)
     new = PlannerState(
         estimate,
         obstacles,
@@ -127,8 +134,9 @@ def tick(
         decided.solver,
         force,
         measured.offset,
-        situation.proven,
+        proven,
         watched,
+        kept,
         measured.formation,
         state.berth,
         state.walks,
@@ -137,24 +145,6 @@ def tick(
     if count(task.formations) > 1:
         new = regrouping(new, measured, task, config)
     return new, new.command, decided.report
-
-
-def _situation(
-    state: PlannerState,
-    measured: Measurement,
-    observed: tuple[ObjectEstimate, ParameterEstimate, ObstacleEstimate, Array, Breakaway],
-    progress: Progress,
-    shapes: Shapes,
-    config: PlannerConfig,
-) -> Situation:
-    """What inputs are chosen from, after `observe`."""
-    estimate, parameters, obstacles, force, watched = observed
-    offset, body = measured.offset, parameters.body
-    proven = safety.prove_friction(state.proven, estimate, force, offset, body, shapes, config)
-    places = obstacles.position[..., None]
-    gaps = gaps_at(estimate.pose[:, None], offset[:, None], places, bodies_of(shapes, config))[..., 0]
-    stirring = breakaway.speed(watched.mean, shapes)
-    return Situation(estimate, body, obstacles, offset, gaps, force, proven, watched.waiting, stirring, progress.held)
 
 
 def _scheduled(progress: Progress, path: Path, situation: Situation, shapes: Shapes, config: PlannerConfig) -> Progress:

@@ -20,7 +20,9 @@ class Situation:
     offset: Array
     """[N_r] m, contact offsets"""
     gaps: Array
-    """[1 + N_r, N_o] m, from object and robots to the obstacles (`room.gaps_at`)"""
+    """[1 + N_r, N_o] m, from object and robots to the obstacles (`keeping.gaps_of`)"""
+    kept: Array
+    """[1 + N_r, N_o] m, of it what is to be kept (`keeping`)"""
     force: Array
     """[N_r] N, pushes believed to act now"""
     proven: Array

@@ -9,12 +9,13 @@ from jax import Array
 
 from jaxlocomanip.formation import team_in
 from jaxlocomanip.numerics import pytree
-from jaxlocomanip.planner import adaptation, breakaway, estimation, path, reference, safety
+from jaxlocomanip.planner import adaptation, breakaway, estimation, keeping, path, reference, safety
 from jaxlocomanip.planner.adaptation import ParameterEstimate
 from jaxlocomanip.planner.breakaway import Breakaway
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.decision import options
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
+from jaxlocomanip.planner.keeping import Kept
 from jaxlocomanip.planner.path import Path
 from jaxlocomanip.planner.reference import Progress
 from jaxlocomanip.planner.shapes import Shapes
@@ -93,6 +94,8 @@ class PlannerState:
     proven: Array
     """[] N, friction that the floor has shown"""
     breakaway: Breakaway
+    kept: Kept
+    """room that there was between bodies and obstacles"""
     formation: Array
     """[] int, of the team at the last tick"""
     berth: Array
@@ -110,9 +113,12 @@ def start(task: Task, measured: Measurement, config: PlannerConfig) -> PlannerSt
     guess = Plan(jnp.tile(first, (steps + 1, 1)), jnp.zeros((steps, 2 * n), first.dtype))
     zero = jnp.zeros(n, first.dtype)
     parameters = adaptation.start(task.model, config.adaptation)
+    seen = estimation.start_object(measured.pose)
+    obstacles = estimation.start_obstacles(measured.obstacles, config.estimation)
+    shapes = task.in_formation(measured.formation).shapes
     return PlannerState(
-        object=estimation.start_object(measured.pose),
-        obstacles=estimation.start_obstacles(measured.obstacles, config.estimation),
+        object=seen,
+        obstacles=obstacles,
         parameters=parameters,
         path=path.unsearched(measured.pose, n, path.at_goal(task.goal, measured.formation)),
         origin=measured.pose,
@@ -122,6 +128,7 @@ def start(task: Task, measured: Measurement, config: PlannerConfig) -> PlannerSt
         offset=measured.offset,
         proven=safety.least_friction(parameters.body, config),
         breakaway=breakaway.start(measured.pose),
+        kept=keeping.start(keeping.gaps_of(seen, measured.offset, obstacles, shapes, config)),
         formation=measured.formation,
         berth=jnp.zeros((), first.dtype),
         walks=jnp.zeros((), jnp.int32),

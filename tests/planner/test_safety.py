@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxlocomanip.outcome import clearances
-from jaxlocomanip.planner import room, safety
+from jaxlocomanip.planner import keeping, room, safety
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.shapes import shapes_of
@@ -49,11 +49,11 @@ def filtered(scenario, state, force, rate, config=CONFIG, held=True, acting=None
     proven = safety.least_friction(body, config)
     speed = jnp.max(jnp.abs(state.twist))
     shapes = shapes_of(scenario)
-    bodies, places = room.bodies_of(shapes, config), obstacles.position[..., None]
-    gaps = room.gaps_at(state.pose[:, None], state.offset[:, None], places, bodies)[..., 0]
+    gaps = keeping.gaps_of(estimate, state.offset, seen, shapes, config)
+    keep = keeping.room_to_keep(keeping.start(gaps), gaps, shapes.obstacle_dynamic, config.safety.margin)
     acting = jnp.zeros_like(force) if acting is None else acting
     situation = Situation(
-        estimate, body, seen, state.offset, gaps, acting, proven, speed < 0.02, speed, jnp.asarray(held)
+        estimate, body, seen, state.offset, gaps, keep, acting, proven, speed < 0.02, speed, jnp.asarray(held)
     )
     return safety.safety_filter(force, rate, most * jnp.ones_like(force), situation, shapes, config)
 

@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxlocomanip.planner import reference, schedule
+from jaxlocomanip.planner import keeping, reference, schedule
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.path import POINTS, pace, straight_poses
-from jaxlocomanip.planner.room import bodies_of, gaps_at, rooms_at
+from jaxlocomanip.planner.room import bodies_of, rooms_at
 from jaxlocomanip.planner.shapes import shapes_of
 from jaxlocomanip.planner.situation import Situation
 
@@ -48,9 +48,19 @@ def step(scenario, path, progress, time, noise):
     none = jnp.zeros(())
     estimate = ObjectEstimate(pose, zero, zero)
     bodies = bodies_of(shapes, CONFIG)
-    gaps = gaps_at(pose[:, None], offset[:, None], place[..., None], bodies)[..., 0]
+    gaps = keeping.gaps_of(estimate, offset, seen, shapes, CONFIG)
     situation = Situation(
-        estimate, scenario.object.body, seen, offset, gaps, 0.0 * offset, none, jnp.zeros((), bool), none, progress.held
+        estimate,
+        scenario.object.body,
+        seen,
+        offset,
+        gaps,
+        gaps,
+        0.0 * offset,
+        none,
+        jnp.zeros((), bool),
+        none,
+        progress.held,
     )
     held = schedule.has_to_wait(path, progress, situation, shapes, CONFIG)
     room = rooms_at(pose[:, None], offset[:, None], place[..., None], bodies).moving[0]
