@@ -103,13 +103,14 @@ def safety_filter(
     keep = (own.safe[0] & ~unknown) | (config.safety.enabled < 0.5)
 
     # Most inputs are safe as they are: others, and which way the object may turn, are looked at only where they matter.
-    given = jax.lax.stop_gradient((forces, rates, situation, shapes, config))
-    alone = jax.tree.map(lambda room: jnp.full(forces.shape[:1], -FAR, room.dtype).at[0].set(room[0]), own)
+    given, known = jax.lax.stop_gradient(((forces, rates, situation, shapes, config), own))
+    alone = jax.tree.map(lambda room: jnp.full(forces.shape[:1], -FAR, room.dtype).at[0].set(room[0]), known)
     room = where_needed(~keep, _all_rooms, given, alone)
     still = tried.holds & (situation.stirring < STIRRING[0]) & (jnp.minimum(room.moving, room.later) >= 0.0)
     chosen = preferred(room, room.safe | still, forces, situation.waiting)
     best = jax.lax.stop_gradient(jnp.where(keep, 0, chosen))
-    return Filtered(forces[best], rates[best], best.astype(jnp.int32), room.to_obstacles[best])
+    left = jnp.where(keep, own.to_obstacles[0], room.to_obstacles[best])
+    return Filtered(forces[best], rates[best], best.astype(jnp.int32), left)
 
 
 CERTAIN: tuple[tuple[float, float], ...] = ((1.0, 0.0), (0.0, 0.0))
