@@ -37,8 +37,8 @@ def _measure(scenarios: Sequence[Any], repeats: int) -> dict[str, Any]:
     import jax
 
     from jaxlocomanip.batch import Runner, Shape
+    from jaxlocomanip.padding import Padding
     from jaxlocomanip.planner.config import PlannerConfig
-    from jaxlocomanip.scenario import Padding
 
     runner = Runner(devices=jax.local_devices()[: len(scenarios)])
     shape = Shape(len(scenarios), DURATION, Padding.of(scenarios))

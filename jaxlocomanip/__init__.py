@@ -20,11 +20,12 @@ if TYPE_CHECKING:
     from jaxlocomanip.closed_loop import Log, Result, compiled, simulate
     from jaxlocomanip.library import find as find_scenario
     from jaxlocomanip.outcome import Outcome
+    from jaxlocomanip.padding import stack
     from jaxlocomanip.planner.config import PlannerConfig
     from jaxlocomanip.planner.presets import preset
     from jaxlocomanip.sampling.sampler import sample as sample_scenario
     from jaxlocomanip.sampling.study import Study, find_study
-    from jaxlocomanip.scenario import Scenario, stack
+    from jaxlocomanip.scenario import Scenario
     from jaxlocomanip.specification import ScenarioSpec, load_scenario, parse_scenario
 
 __version__ = "0.1.0"
@@ -72,7 +73,7 @@ _HOMES = {
     "run_batch": ("batch", "run"),
     "sample_scenario": ("sampling.sampler", "sample"),
     "simulate": ("closed_loop", "simulate"),
-    "stack": ("scenario", "stack"),
+    "stack": ("padding", "stack"),
 }
 
 

@@ -25,8 +25,9 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.closed_loop import Result, compiled, episode, load_world
 from jaxlocomanip.outcome import Outcome
+from jaxlocomanip.padding import Padding, stack_on_host
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.scenario import Padding, Scenario, stack_on_host
+from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.worlds.interface import World
 
 AXIS = "lanes"

@@ -49,7 +49,7 @@ def simulate(
     """Run scenarios in closed loop.
 
     Args:
-      scenarios: one scenario, or a batch with a leading axis (`scenario.stack`).
+      scenarios: one scenario, or a batch with a leading axis (`padding.stack`).
       config: planner settings; the `robust` preset by default.
       world: name in `WORLDS`, or a world of one's own (`worlds.interface.World`).
       backend: of the quadruped world, one of `BACKENDS`; by default `c` for one scenario and `mjx` for a batch.

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxlocomanip.numerics import host_array
-from jaxlocomanip.scenario import Obstacles, pad_obstacles
+from jaxlocomanip.padding import pad_obstacles
+from jaxlocomanip.scenario import Obstacles
 from jaxlocomanip.specification import ObstacleSpec
 
 Floats = NDArray[np.floating[Any]]

@@ -18,11 +18,12 @@ from jaxlocomanip.aiming import Motion
 from jaxlocomanip.approach import closest_approach
 from jaxlocomanip.closed_loop import episode
 from jaxlocomanip.outcome import Outcome
+from jaxlocomanip.padding import stack
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.sampling.feasibility import judged
 from jaxlocomanip.sampling.sampler import Lane
 from jaxlocomanip.sampling.study import Study
-from jaxlocomanip.scenario import Scenario, stack
+from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.specification import ScenarioSpec
 from jaxlocomanip.sweep.plan import longest, padding
 from jaxlocomanip.variation import Bounds, dimension, varied_spec, vary

@@ -15,9 +15,9 @@ from jaxlocomanip.checked import InputError
 from jaxlocomanip.closed_loop import Result
 from jaxlocomanip.config_file import config_from_table
 from jaxlocomanip.outcome import Outcome
+from jaxlocomanip.padding import Padding
 from jaxlocomanip.sampling.sampler import draw
 from jaxlocomanip.sampling.study import parse_study
-from jaxlocomanip.scenario import Padding
 
 COUNT = 10
 SHAPE = Shape(lanes=4, duration=0.4, padding=Padding(obstacles=2, corners=4, marks=1, vertices=4, discs=1))
@@ -123,7 +123,7 @@ from jaxlocomanip.batch import Runner, Shape
 from jaxlocomanip.config_file import config_from_table
 from jaxlocomanip.sampling.sampler import draw
 from jaxlocomanip.sampling.study import parse_study
-from jaxlocomanip.scenario import Padding
+from jaxlocomanip.padding import Padding
 
 assert len(jax.devices()) == 2
 study = parse_study(open(sys.argv[1]).read())

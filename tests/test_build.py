@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from jaxlocomanip import library
-from jaxlocomanip.build import build, build_on_host, robot_rectangles
+from jaxlocomanip.build import build, build_on_host
+from jaxlocomanip.build_team import robot_rectangles
 from jaxlocomanip.checked import InputError
+from jaxlocomanip.padding import stack
 from jaxlocomanip.planar.dynamics import GRAVITY
 from jaxlocomanip.planar.geometry import rectangle
-from jaxlocomanip.scenario import stack
 from jaxlocomanip.specification import parse_scenario
 
 MINIMAL = {

@@ -10,8 +10,8 @@ import pytest
 
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.closed_loop import simulate
+from jaxlocomanip.padding import stack
 from jaxlocomanip.planner.config import Horizon, PlannerConfig
-from jaxlocomanip.scenario import stack
 
 CONFIG = PlannerConfig(horizon=Horizon(steps=10))
 TICKS = 150

@@ -14,8 +14,8 @@ from jaxlocomanip import library
 from jaxlocomanip.build import build
 from jaxlocomanip.closed_loop import simulate
 from jaxlocomanip.config_file import without
+from jaxlocomanip.padding import stack
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.scenario import stack
 from jaxlocomanip.specification import ScenarioSpec
 
 LIBRARY = ("adaptive", "robot_cbf", "start_left", "start_right", "hardware", "people")

@@ -9,8 +9,8 @@ import pytest
 
 from jaxlocomanip import build_scenario, find_scenario
 from jaxlocomanip.formation import PHASES, circle, count, standing, team_in, usable, walk_around
+from jaxlocomanip.padding import Padding, stack
 from jaxlocomanip.planar.geometry import polygon_distance, rectangle
-from jaxlocomanip.scenario import Padding, stack
 
 SPEC = dataclasses.replace(find_scenario("adaptive"), change_faces=True)
 PHASE = jnp.linspace(0.0, PHASES, 61)

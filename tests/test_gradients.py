@@ -10,9 +10,9 @@ import pytest
 from jaxlocomanip.build import build
 from jaxlocomanip.gradients import SHARPNESS, _fade, soft_outcome
 from jaxlocomanip.library import find
+from jaxlocomanip.padding import Padding, stack
 from jaxlocomanip.planner.config import Horizon, PlannerConfig, Reference
 from jaxlocomanip.sampling.sampler import sample
-from jaxlocomanip.scenario import Padding, stack
 
 # Reverse differentiation of the whole loop compiles for minutes on a busy machine.
 pytestmark = pytest.mark.timeout(1800)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import jaxlocomanip
-from jaxlocomanip import batch, checked, closed_loop, library, outcome, scenario, specification
+from jaxlocomanip import batch, checked, closed_loop, library, outcome, padding, scenario, specification
 from jaxlocomanip.build import build
 from jaxlocomanip.planner import config, presets
 from jaxlocomanip.sampling import sampler, study
@@ -37,7 +37,7 @@ HOMES = {
     "run_batch": batch.run,
     "sample_scenario": sampler.sample,
     "simulate": closed_loop.simulate,
-    "stack": scenario.stack,
+    "stack": padding.stack,
 }
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxlocomanip.checked import InputError
-from jaxlocomanip.scenario import Padding, stack, stack_on_host
+from jaxlocomanip.padding import Padding, stack, stack_on_host
 
 CIRCLE = {"shape": "circle", "radius": 0.2, "position": [6.0, 6.0]}
 

@@ -16,8 +16,8 @@ from jaxlocomanip.checked import InputError
 from jaxlocomanip.config_file import config_from_table, config_to_toml, load_config
 from jaxlocomanip.gradients import SoftOutcome
 from jaxlocomanip.objective import CLIP, WORST, Losses, Objective, loss
+from jaxlocomanip.padding import stack
 from jaxlocomanip.planner.config import Horizon, PlannerConfig
-from jaxlocomanip.scenario import stack
 from jaxlocomanip.tuning import Settings, tune
 
 NAMES = ("weights.force", "weights.offset")

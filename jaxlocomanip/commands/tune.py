@@ -34,9 +34,9 @@ def run(arguments: argparse.Namespace) -> None:
     from jaxlocomanip import checked
     from jaxlocomanip.config_file import config_to_toml, named_config
     from jaxlocomanip.knobs import changes, knobs_of
+    from jaxlocomanip.padding import stack
     from jaxlocomanip.sampling.sampler import draw
     from jaxlocomanip.sampling.study import find_study
-    from jaxlocomanip.scenario import stack
     from jaxlocomanip.sweep.plan import longest, padding
     from jaxlocomanip.tuning import METHODS, NAMES, Settings, tune
 

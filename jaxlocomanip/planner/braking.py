@@ -11,13 +11,13 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import Floats, pytree, safe_norm
+from jaxlocomanip.numerics import pytree, safe_norm
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import Body, State
 from jaxlocomanip.planar.vector import Vector, unit, vector
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate
-from jaxlocomanip.planner.room import Bodies, bodies_of, contacts, rooms_at, standing_room
+from jaxlocomanip.planner.room import bodies_of, contacts, rooms_at
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.scenario import Team
@@ -29,8 +29,6 @@ WAITS = 3
 """instants after the stop at which moving obstacles are looked at"""
 STIRRING = 0.02, 0.04
 """m/s, mean speed from which on an object may, and does, move"""
-LEVER = 0.04
-"""m, by which the centre of mass may be beside where it is believed to be"""
 LIGHTER = 1.3
 """an object may be so many times lighter than estimated: a push then moves it further"""
 
@@ -96,28 +94,25 @@ class BrakeRooms:
 
 
 def braking_rooms(
-    forces: Array, rates: Array, doubt: Array, situation: Situation, shapes: Shapes, config: PlannerConfig
+    forces: Array, rates: Array, lever: Array, situation: Situation, shapes: Shapes, config: PlannerConfig
 ) -> BrakeRooms:
     """The room on the way to rest after one tick of each input.
 
     Args:
       forces: [C, N_r] N.
       rates: [C, N_r] m/s, of the contact offsets.
-      doubt: [C] how much of what is unknown of the centre of mass is reckoned with, and to which side (-1 to 1).
+      lever: [C] m, by which the pushes' resultant passes the centre of mass beside where it is expected to.
       situation: what is known.
       shapes: geometry.
       config: settings.
     """
     brake = brake_of(situation.body, situation.proven, shapes, config)
-    estimate = believed(situation)
-    bodies = bodies_of(shapes, config)
-    lever = doubt * jnp.where(turns_unknown(situation, bodies, config.safety.margin), LEVER, 0.0)
-    motion = braking_motion(forces.T, rates.T, lever, estimate, situation.offset, brake, shapes.team)
+    motion = braking_motion(forces.T, rates.T, lever, believed(situation), situation.offset, brake, shapes.team)
     # Instants and inputs along one axis.
     poses, offsets, times = (v.reshape(*v.shape[:-2], -1) for v in motion)
     obstacles = situation.obstacles
     places = obstacles.position[..., None] + times * obstacles.velocity[..., None]
-    rooms = rooms_at(poses, offsets, places, bodies, situation.kept[..., None])
+    rooms = rooms_at(poses, offsets, places, bodies_of(shapes, config), situation.kept[..., None])
     rooms = jax.tree.map(lambda room: room.reshape(motion[2].shape), rooms)
     # Until it is at rest the team answers for what it runs into: what moves may turn round in the meantime.
     swerve = 0.5 * config.safety.swerve * motion[2][:-WAITS] ** 2
@@ -127,11 +122,6 @@ def braking_rooms(
         moving=jnp.min(rooms.moving[:-WAITS] - swerve, axis=0),
         later=jnp.min(rooms.moving[-WAITS:], axis=0),
     )
-
-
-def turns_unknown(situation: Situation, bodies: Bodies, margin: Floats) -> Array:
-    """[] bool: an obstacle is within the margin, and which way a push turns the object is yet to be seen."""
-    return situation.waiting & (standing_room(situation.gaps, bodies) < margin)
 
 
 def believed(situation: Situation) -> ObjectEstimate:

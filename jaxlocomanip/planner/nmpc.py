@@ -107,7 +107,7 @@ def tick(
     progress = select(jnp.any(measured.contact), progress, state.progress)
     warm = shift(state.solver, horizon.tick / horizon.dt)
     gaps = keeping.gaps_of(estimate, measured.offset, obstacles, shapes, config)
-    kept = keeping.watch(state.kept, gaps, horizon.tick)
+    kept = select(changed, keeping.start(gaps), keeping.watch(state.kept, gaps, horizon.tick))
     keep = keeping.room_to_keep(kept, gaps, shapes.obstacle_dynamic, config.safety.margin)
     body, offset = parameters.body, measured.offset
     proven = safety.prove_friction(state.proven, estimate, force, offset, body, shapes, config)

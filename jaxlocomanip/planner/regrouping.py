@@ -32,7 +32,6 @@ def regrouped(state: PlannerState, measured: Measurement, task: Task, config: Pl
         force=fresh.force,
         offset=measured.offset,
         formation=measured.formation,
-        kept=fresh.kept,
         berth=fresh.berth,
         walks=state.walks + 1,
         command=dataclasses.replace(state.command, force=fresh.force, formation=measured.formation),

@@ -22,11 +22,11 @@ from jaxlocomanip.lanes import where_needed
 from jaxlocomanip.numerics import pytree, safe_norm
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
-from jaxlocomanip.planner.braking import STIRRING, BrakeRooms, braking_rooms, turns_unknown
+from jaxlocomanip.planner.braking import STIRRING, BrakeRooms, braking_rooms
 from jaxlocomanip.planner.breakaway import limit_push
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate
-from jaxlocomanip.planner.room import FAR, bodies_of, keep_room, slide_limits
+from jaxlocomanip.planner.room import FAR, bodies_of, keep_room, slide_limits, standing_room
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.situation import Situation
 
@@ -98,12 +98,14 @@ def safety_filter(
     """
     tried = candidates(force, rate, most, situation, shapes, config)
     forces, rates = tried.forces, tried.rates
-    own = _rooms(forces[:1], rates[:1], CERTAIN, situation, shapes, config)
-    unknown = turns_unknown(situation, bodies_of(shapes, config), config.safety.margin)
+    own = _rooms(forces[:1], rates[:1], jnp.array(CERTAIN, force.dtype), situation, shapes, config)
+    # Which way a push turns the object is not known before it moves, and matters where there is no room for mistakes.
+    tight = standing_room(situation.gaps, bodies_of(shapes, config)) < config.safety.margin
+    unknown = situation.waiting & tight
     keep = (own.safe[0] & ~unknown) | (config.safety.enabled < 0.5)
 
     # Most inputs are safe as they are: others, and which way the object may turn, are looked at only where they matter.
-    given, known = jax.lax.stop_gradient(((forces, rates, situation, shapes, config), own))
+    given, known = jax.lax.stop_gradient(((forces, rates, unknown, situation, shapes, config), own))
     alone = jax.tree.map(lambda room: jnp.full(forces.shape[:1], -FAR, room.dtype).at[0].set(room[0]), known)
     room = where_needed(~keep, _all_rooms, given, alone)
     still = tried.holds & (situation.stirring < STIRRING[0]) & (jnp.minimum(room.moving, room.later) >= 0.0)
@@ -113,30 +115,33 @@ def safety_filter(
     return Filtered(forces[best], rates[best], best.astype(jnp.int32), left)
 
 
+LEVER = 0.04
+"""m, by which the centre of mass may be beside where it is believed to be"""
 CERTAIN: tuple[tuple[float, float], ...] = ((1.0, 0.0), (0.0, 0.0))
-"""Cases, as share of the push and of what is unknown of the centre of mass: a push may help to brake as well as drive,
+"""Cases, as share of the push, and m by which it passes the centre of mass: a push may help to brake as well as drive,
 so that neither more nor less of it than expected may do harm."""
-DOUBTFUL = (*CERTAIN, (1.0, 1.0), (1.0, -1.0))
+DOUBTFUL = (*CERTAIN, (1.0, LEVER), (1.0, -LEVER))
 """Nor may the way in which it turns the object."""
 
 
-def _all_rooms(given: tuple[Array, Array, Situation, Shapes, PlannerConfig]) -> BrakeRooms:
-    forces, rates, situation, shapes, config = given
-    return _rooms(forces, rates, DOUBTFUL, situation, shapes, config)
+def _all_rooms(given: tuple[Array, Array, Array, Situation, Shapes, PlannerConfig]) -> BrakeRooms:
+    forces, rates, unknown, situation, shapes, config = given
+    cases = jnp.array(DOUBTFUL, forces.dtype) * jnp.stack([jnp.ones((), forces.dtype), unknown.astype(forces.dtype)])
+    return _rooms(forces, rates, cases, situation, shapes, config)
 
 
 def _rooms(
     forces: Array,
     rates: Array,
-    cases: tuple[tuple[float, float], ...],
+    cases: Array,
     situation: Situation,
     shapes: Shapes,
     config: PlannerConfig,
 ) -> BrakeRooms:
-    """Rooms of inputs [C, N_r], in the worst of the cases."""
-    share, doubt = jnp.repeat(jnp.array(cases, forces.dtype).T, forces.shape[0], axis=1)
+    """Rooms of inputs [C, N_r], in the worst of the cases [m, 2]."""
+    share, lever = jnp.repeat(cases.T, forces.shape[0], axis=1)
     forces, rates = (jnp.concatenate([v] * len(cases)) for v in (forces, rates))
-    each = braking_rooms(share[:, None] * forces, rates, doubt, situation, shapes, config)
+    each = braking_rooms(share[:, None] * forces, rates, lever, situation, shapes, config)
     least = jax.tree.map(lambda room: jnp.min(room.reshape(len(cases), -1), axis=0), each)
     # A team that is on its way past an obstacle may do what it could not survive if it stopped for good.
     return dataclasses.replace(least, later=jnp.where(situation.held, least.later, FAR))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxlocomanip.build import robot_rectangles
+from jaxlocomanip.build_team import robot_rectangles
 from jaxlocomanip.footprint import covering_discs, polygon_gap
 from jaxlocomanip.sampling.pushing import offset_limits
 from jaxlocomanip.specification import ScenarioSpec

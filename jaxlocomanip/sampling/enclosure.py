@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxlocomanip.build import robot_rectangles
+from jaxlocomanip.build_team import robot_rectangles
 from jaxlocomanip.footprint import padded, placed, polygon_gap
 from jaxlocomanip.sampling.bodies import inner_discs
 from jaxlocomanip.sampling.clearance import TRACK, Floor, free_poses, pose_at, poses_near, shrunk

@@ -32,7 +32,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxlocomanip.build import build_on_host, robot_rectangles
+from jaxlocomanip.build import build_on_host
+from jaxlocomanip.build_team import robot_rectangles
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.footprint import padded, placed, polygon_gap
 from jaxlocomanip.obstacles import corners_at, moves, position_at

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxlocomanip.build import CONTACT_MARGIN, face_index, inward_normals
+from jaxlocomanip.build_team import CONTACT_MARGIN, face_index, inward_normals
 from jaxlocomanip.footprint import footprint_moments
 from jaxlocomanip.planar.dynamics import GRAVITY
 from jaxlocomanip.robots.model import load_robot

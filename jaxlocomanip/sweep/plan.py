@@ -13,11 +13,11 @@ from jaxlocomanip import config_file
 from jaxlocomanip.batch import Shape
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.footprint import covering_discs
+from jaxlocomanip.padding import Padding
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.sampling.distributions import Choice, Constant, Distribution
 from jaxlocomanip.sampling.layout import team_size
 from jaxlocomanip.sampling.study import MOST_LANES, Study, Variant
-from jaxlocomanip.scenario import Padding
 from jaxlocomanip.specification import box
 
 

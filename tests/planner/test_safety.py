@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxlocomanip.outcome import clearances
-from jaxlocomanip.planner import keeping, room, safety
+from jaxlocomanip.planner import keeping, safety
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.shapes import shapes_of
@@ -121,7 +121,7 @@ def test_what_moved_nothing_goes_on_until_another_push_is_safe(scene):
 
 
 def test_velocity_of_an_object_that_lies_still_is_noise(scene):
-    """Believed, three centimetres a second towards a wall that is near would keep the team for ever."""
+    """Believed, a decimetre a second towards a wall that is near would keep the team for ever."""
     scenario = scene(face=SIDE + CONFIG.safety.margin + 0.001)
     here, force, noise = at(scenario, (0.0, 0.0, 0.0)), jnp.zeros(2), jnp.array([0.1, 0.0, 0.0])
     assert filtered(scenario, here, force, jnp.zeros(2), twist=noise).choice == 0
@@ -274,44 +274,6 @@ def test_pushing_on_towards_a_wall_never_touches_it(scene, pushes):
     assert least > 0.0
     assert last.pose[0] > 0.3  # it did get near
     assert last.twist[0] < 0.05
-
-
-def test_room_between_robots_never_runs_out(make_scenario):
-    """Two robots around a corner, both sliding into it as fast as they can, stop short of each other."""
-    team = make_scenario(object={"size": [0.8, 0.8], "mass": 6.0}).team
-    row, bound = team.pair_rows[0], team.pair_bounds[0]
-    towards = jnp.sign(row) * team.slide_speed_max
-    offset, keep = jnp.zeros(2), jax.jit(room.keep_room)
-    assert (keep(offset, 0.0 * towards, team, 0.03) == 0.0).all()
-    assert (keep(offset, -towards, team, 0.03) == -towards).all()
-    for _ in range(300):
-        offset = offset + TICK * keep(offset, towards, team, 0.03)
-        assert row @ offset <= bound - 0.03 + 1e-6
-    assert row @ offset > bound - 0.05  # and they do use the room
-    assert (keep(offset, -towards, team, 0.03) == -towards).all()
-
-
-def test_no_robot_slides_into_an_obstacle_for_the_sake_of_another(scene):
-    """Each robot's rate is limited by its own room, whatever the others do."""
-    scenario = scene(face=0.45)
-    shapes = shapes_of(scenario)
-    places = scenario.obstacles.position
-    bodies = room.bodies_of(shapes, CONFIG)
-
-    @jax.jit
-    def keep(offset, rate):
-        slowest, fastest = room.slide_limits(jnp.zeros(3), offset, places, shapes, CONFIG)[0]
-        return jnp.clip(rate, -slowest, fastest)
-
-    near = jax.jit(lambda d: room.robot_rooms(jnp.zeros((3, 1)), d[:, None], places[..., None], bodies))
-    for sign in (1.0, -1.0):
-        offset, asked = jnp.zeros(2), sign * jnp.array([0.4, 0.4])
-        for _ in range(200):
-            rate = keep(offset, asked)
-            assert (jnp.abs(rate) <= 0.4 + 1e-6).all() and (rate * asked >= 0.0).all()
-            offset = jnp.clip(offset + TICK * rate, -shapes.team.offset_limit, shapes.team.offset_limit)
-        assert near(offset).min() >= CONFIG.safety.margin - 2e-3
-    assert (keep(jnp.zeros(2), asked) == asked).sum() >= 1  # the robot that has room is not held
 
 
 def test_friction_is_proven_by_rest_under_a_push_and_by_sliding(make_scenario):

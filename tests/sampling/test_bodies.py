@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from jaxlocomanip.build import robot_rectangles
+from jaxlocomanip.build_team import robot_rectangles
 from jaxlocomanip.footprint import polygon_gap
 from jaxlocomanip.sampling.bodies import ROOM, close_discs
 from jaxlocomanip.sampling.pushing import offset_limits

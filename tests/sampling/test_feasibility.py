@@ -5,7 +5,8 @@ import math
 import pytest
 
 from jaxlocomanip.batch import run
-from jaxlocomanip.build import CONTACT_MARGIN, build_on_host
+from jaxlocomanip.build import build_on_host
+from jaxlocomanip.build_team import CONTACT_MARGIN
 from jaxlocomanip.robots.model import load_robot
 from jaxlocomanip.sampling import feasibility
 from jaxlocomanip.sampling.feasibility import REASONS, capacity, judged

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from jaxlocomanip.build import inward_normals, robot_rectangles
+from jaxlocomanip.build_team import inward_normals, robot_rectangles
 from jaxlocomanip.footprint import footprint_moments, placed, polygon_gap
 from jaxlocomanip.sampling.clearance import floor_of
 from jaxlocomanip.sampling.enclosure import enclosed_goal, enclosed_start

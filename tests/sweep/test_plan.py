@@ -7,13 +7,13 @@ import pytest
 
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.config_file import config_from_table, config_to_toml, without
+from jaxlocomanip.padding import Padding, stack_on_host
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.presets import preset
 from jaxlocomanip.sampling import study
 from jaxlocomanip.sampling.layout import team_size
 from jaxlocomanip.sampling.sampler import draw
 from jaxlocomanip.sampling.study import find_study, parse_study
-from jaxlocomanip.scenario import Padding, stack_on_host
 from jaxlocomanip.sweep.plan import plan_sweep, settings_of
 
 ROBUST = PlannerConfig()

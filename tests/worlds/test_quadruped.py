@@ -11,8 +11,8 @@ import pytest
 
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.closed_loop import compiled, load_world, simulate
+from jaxlocomanip.padding import stack
 from jaxlocomanip.planner.config import Horizon, PlannerConfig
-from jaxlocomanip.scenario import stack
 from jaxlocomanip.worlds import quadruped
 from jaxlocomanip.worlds.legged import read_robot, robot_path
 from jaxlocomanip.worlds.scene import STANDOFF

@@ -7,8 +7,8 @@ import pytest
 
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.locomotion.robot import JOINTS, LEGS
+from jaxlocomanip.padding import stack
 from jaxlocomanip.robots.model import load_robot
-from jaxlocomanip.scenario import stack
 
 mujoco = pytest.importorskip("mujoco")
 
