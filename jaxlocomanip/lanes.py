@@ -12,7 +12,7 @@ from jax.custom_batching import custom_vmap
 
 from jaxlocomanip.numerics import select
 
-GROUP, WIDE = 16, 256
+GROUP, WIDE = 32, 256
 """lanes that are computed together, on a CPU and on an accelerator"""
 
 

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxlocomanip.lanes import where_needed
 from jaxlocomanip.numerics import pytree, safe_norm
 from jaxlocomanip.planner import problem, reference, safety
 from jaxlocomanip.planner.config import PlannerConfig
@@ -75,9 +76,9 @@ def decide(
     ocp = problem.assemble(targets, warm.plan, situation.body, shapes, situation.obstacles, config)
     x0 = jnp.concatenate([estimate.pose, estimate.twist, offset])
     trying = (config.reference.second_start > 0.5) & (safe_norm(estimate.twist[:2]) < SLOW)
-    rival = problem.pushing_start(ocp, x0)
-    # A rival that is not wanted is made worthless, so that the program is the same.
-    rival = Plan(jnp.where(trying, rival.xs, jnp.nan), rival.us)
+    # A rival that is not wanted is worthless, so that the program is the same.
+    worthless = jax.tree.map(lambda leaf: jnp.full_like(leaf, jnp.nan), warm.plan)
+    rival = where_needed(trying, lambda at: problem.pushing_start(*at), (ocp, x0), worthless, horizon.rest_skips)
     solver = sqp.solve(ocp, x0, warm, options(config), rival)
     n, limits = offset.shape[0], shapes.team
     first = solver.plan.us[0]

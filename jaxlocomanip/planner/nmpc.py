@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxlocomanip.formation import count
-from jaxlocomanip.lanes import GROUP, where_needed
+from jaxlocomanip.lanes import where_needed
 from jaxlocomanip.numerics import T, select, wrap_angle
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planner import adaptation, breakaway, estimation, keeping, path, reference, route, safety, schedule
@@ -39,7 +39,7 @@ def replan(state: PlannerState, task: Task, config: PlannerConfig) -> PlannerSta
     A team that has arrived keeps its path.
     """
     kept = (state.path, state.progress)
-    path, progress = _if_awake(state.progress, _search, (state, task, config), kept, config, group=1)
+    path, progress = select(state.progress.resting, kept, _search(state, task, config))
     return dataclasses.replace(state, path=path, progress=progress)
 
 
@@ -49,11 +49,10 @@ def _if_awake(
     arguments: tuple[Any, ...],
     otherwise: T,
     config: PlannerConfig,
-    group: int = GROUP,
 ) -> T:
     """`function(*arguments)` for a team that has not arrived, else `otherwise`."""
     skips = config.horizon.rest_skips
-    return where_needed(~progress.resting, lambda given: function(*given), arguments, otherwise, skips, group)
+    return where_needed(~progress.resting, lambda given: function(*given), arguments, otherwise, skips)
 
 
 def _search(state: PlannerState, task: Task, config: PlannerConfig) -> tuple[Path, Progress]:

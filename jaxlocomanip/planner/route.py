@@ -61,7 +61,7 @@ def plan(
     body: Body,
     config: PlannerConfig,
 ) -> Choice:
-    """The path to follow from a pose [3].
+    """The path to follow from a pose [3]; of a team that has arrived, none that is worth anything.
 
     Args:
       pose: of the object, now.
@@ -98,15 +98,15 @@ def plan(
     def consider(carry: tuple[Choice, Array], anew: Array) -> tuple[tuple[Choice, Array], None]:
         best, needed = carry
         guess, aim = jax.lax.cond(
-            anew, lambda: where_needed(needed, search, (query, there, *given), rest, skips), lambda: rest
+            anew, lambda: where_needed(needed, search, (query, there, *given), rest, skips, group=1), lambda: rest
         )
         arguments = (guess, aim.goal, there, obstacles, body, config)
         found = where_needed(needed, lambda arguments: refine(*arguments), arguments, best.refined, skips)
         new = Choice(found, aim)
         best = select(needed & (new.cost < _SHARE * best.cost - _LESS), new, best)
-        return (best, _wants_rival(best, path, progress, shapes, config)), None
+        return (best, ~progress.resting & _wants_rival(best, path, progress, shapes, config)), None
 
-    first = (Choice(unrefined(rest[0]), path.aim), (path.cost < UNPLANNED) & ~stuck)
+    first = (Choice(unrefined(rest[0]), path.aim), ~progress.resting & (path.cost < UNPLANNED) & ~stuck)
     # One after the other in a loop, so that the refinement is compiled once.
     (best, _), _ = jax.lax.scan(consider, first, jnp.array([False, True]))
     return best

@@ -30,6 +30,8 @@ from jaxlocomanip.planner.room import FAR, bodies_of, keep_room, slide_limits, s
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.situation import Situation
 
+FEW = 2
+"""lanes of which other inputs are looked at together: they are rare, and the inputs of one are many already"""
 HOLD = 0.98
 """share of a push that moved nothing, that goes on while no other is safe"""
 STOP = -2
@@ -107,7 +109,7 @@ def safety_filter(
     # Most inputs are safe as they are: others, and which way the object may turn, are looked at only where they matter.
     given, known = jax.lax.stop_gradient(((forces, rates, unknown, situation, shapes, config), own))
     alone = jax.tree.map(lambda room: jnp.full(forces.shape[:1], -FAR, room.dtype).at[0].set(room[0]), known)
-    room = where_needed(~keep, _all_rooms, given, alone)
+    room = where_needed(~keep, _all_rooms, given, alone, group=FEW)
     still = tried.holds & (situation.stirring < STIRRING[0]) & (jnp.minimum(room.moving, room.later) >= 0.0)
     chosen = preferred(room, room.safe | still, forces, situation.waiting)
     best = jax.lax.stop_gradient(jnp.where(keep, 0, chosen))
