@@ -5,14 +5,17 @@ Along the normal n and the tangent t of the distance, a condition
     h = second (n . a + kappa (t . v)^2) + beta n . v + alpha B
 
 has a Hessian by the disc's centre, its velocity v and its acceleration a with few entries, all of them in proportion to
-the curvature kappa of the distance: against an edge there is none. Arrays have stages last.
+the curvature kappa of the distance: against an edge there is none. A disc is moved by eleven variables: position,
+heading and their velocities and accelerations, and offset and offset rate of its robot. What all discs contribute to
+entries of the Hessian by those is summed before the accelerations are expressed by states and inputs. Arrays have
+stages last.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -24,18 +27,29 @@ from jaxlocomanip.planar.vector import Vector, unit
 from jaxlocomanip.planner import barriers
 from jaxlocomanip.planner.barriers import Approach, DiscMotion, Discs, Obstacles
 from jaxlocomanip.planner.constraints import Motion
+from jaxlocomanip.planner.shapes import ROBOT_DISCS
+from jaxlocomanip.solver.layout import added, transposed_times
 
 if TYPE_CHECKING:
     from jaxlocomanip.planner.problem import PushProblem, StageData
 
-_THETA, _OMEGA = 2, 5
-Block = tuple[tuple[Array, Array], tuple[Array, Array]]
-"""a matrix [2, 2] of arrays [D, N] or [N]"""
+
+@pytree
+class Block:
+    """Symmetric matrices [2, 2], an array an entry."""
+
+    xx: Array
+    xy: Array
+    yy: Array
+
+    def times(self, v: Vector) -> Vector:
+        """Products with vectors."""
+        return Vector(self.xx * v.x + self.xy * v.y, self.xy * v.x + self.yy * v.y)
 
 
 @pytree
 class Weighted:
-    """Derivatives of the conditions of discs, times their weights and summed over obstacles; leaves [D, N] or [N]."""
+    """Derivatives of the conditions of discs, times their weights and summed over obstacles; leaves [D, N]."""
 
     center: Vector
     speed: Vector
@@ -81,16 +95,10 @@ def disc_part(
     seen, moving, h = apart(jax.vmap(geometry))(given)
     weight = weights(h.reshape(-1, h.shape[2])).reshape(h.shape) * settings.cbf_scale
     found = _weighted(every, moving, seen, obstacles, weight)
-    owned = barriers.by_disc(jnp.eye(n, dtype=h.dtype), shapes)
-
-    def one(total: tuple[Array, Array], disc: tuple[Weighted, DiscMotion, Array, Array]) -> tuple[Any, None]:
-        bent, pulling = _of_disc(*disc, motion, by_acceleration)
-        return (total[0] + bent, total[1] + pulling), None
-
-    count = by_acceleration.shape[1]
-    start = jnp.zeros((count, *by_acceleration.shape[1:]), h.dtype), jnp.zeros_like(motion.pose)
-    (half, pulling), _ = jax.lax.scan(one, start, (found, moving, sliding, owned))
-    return half + jnp.swapaxes(half, 0, 1), pulling
+    moved = _moved(found, moving, sliding, motion)
+    whole, robots = _entries(found, moving, moved, sliding, motion)
+    core, own = _summed(whole, robots, n)
+    return _hessian(core, own, by_acceleration), core[:3]
 
 
 @apart
@@ -118,73 +126,174 @@ def _weighted(disc: Discs, moving: DiscMotion, seen: Approach, obstacles: Obstac
     def vectors(by_n: Array, by_t: Array) -> Vector:
         return Vector(total(by_n * n.x + by_t * t.x), total(by_n * n.y + by_t * t.y))
 
-    def block(nn: Array | float, nt: Array | float, tn: Array | float, tt: Array) -> Block:
+    def block(nn: Array | float, nt: Array | float, tt: Array) -> Block:
         def entry(a: tuple[Array, Array], b: tuple[Array, Array]) -> Array:
-            return total(nn * a[0] * b[0] + nt * a[0] * b[1] + tn * a[1] * b[0] + tt * a[1] * b[1])
+            return total(nn * a[0] * b[0] + nt * (a[0] * b[1] + a[1] * b[0]) + tt * a[1] * b[1])
 
         x, y = (n.x, t.x), (n.y, t.y)
-        return (entry(x, x), entry(x, y)), (entry(y, x), entry(y, y))
+        return Block(entry(x, x), entry(x, y), entry(y, y))
 
     return Weighted(
         center=vectors(along, across),
         speed=vectors(beta, 2.0 * second * bend),
         pull=vectors(second, 0.0 * second),
-        by_center=block(nn, nt, nt, tt),
-        center_speed=block(0.0, sheared, sheared, tt_speed),
-        by_speed=block(0.0, 0.0, 0.0, 2.0 * second * kappa),
-        center_pull=block(0.0, 0.0, 0.0, second * kappa),
+        by_center=block(nn, nt, tt),
+        center_speed=block(0.0, sheared, tt_speed),
+        by_speed=block(0.0, 0.0, 2.0 * second * kappa),
+        center_pull=block(0.0, 0.0, second * kappa),
+    )
+
+
+@pytree
+class Moved:
+    """How the gradients by centre, velocity and acceleration change with each variable; leaves [D, N]."""
+
+    center_theta: Vector
+    speed_theta: Vector
+    pull_theta: Vector
+    """also that by the centre with the angular acceleration"""
+    center_omega: Vector
+    speed_omega: Vector
+    center_offset: Vector
+    speed_offset: Vector
+    center_rate: Vector
+    speed_rate: Vector
+
+
+@apart
+def _moved(found: Weighted, moving: DiscMotion, sliding: Array, motion: Motion) -> Moved:
+    omega, alpha = motion.twist[2], motion.acceleration[2]
+    arm, slide, around = moving.arm, moving.slide, moving.arm.turned
+    speed_theta, swept = slide.turned * sliding - arm * omega, slide.turned * omega
+    pull_theta = arm * (-alpha) - around * omega**2
+    center, mixed, speed, pull = found.by_center, found.center_speed, found.by_speed, found.center_pull
+    return Moved(
+        center_theta=center.times(around) + mixed.times(speed_theta) + pull.times(pull_theta),
+        speed_theta=mixed.times(around) + speed.times(speed_theta),
+        pull_theta=pull.times(around),
+        center_omega=mixed.times(around) - pull.times(arm) * (2.0 * omega),
+        speed_omega=speed.times(around),
+        center_offset=center.times(slide) + mixed.times(swept),
+        speed_offset=mixed.times(slide) + speed.times(swept),
+        center_rate=mixed.times(slide),
+        speed_rate=speed.times(slide),
     )
 
 
 @apart
-def _of_disc(
-    found: Weighted, moving: DiscMotion, sliding: Array, own: Array, motion: Motion, by_acceleration: Array
-) -> tuple[Array, Array]:
-    """A matrix [nz, nz, N] that with its transpose is one disc's curvature, and the gradient [3, N] by acceleration.
-
-    Args:
-      found: derivatives of its conditions.
-      moving: its motion.
-      sliding: [N] m/s, at which it moves with its robot.
-      own: [N_r] 1 for its robot.
-      motion: of the object and the team.
-      by_acceleration: [3, nz, N].
-    """
-    count, n = by_acceleration.shape[1], own.shape[0]
+def _entries(
+    found: Weighted, moving: DiscMotion, moved: Moved, sliding: Array, motion: Motion
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Entries [D, N] of each disc's Hessian by name: those of the object's variables, and of its robot's."""
     omega, alpha = motion.twist[2], motion.acceleration[2]
-    arm, slide, swing = moving.arm, moving.slide, by_acceleration[2]
-    basis = jnp.eye(count, dtype=swing.dtype)[..., None]
-    offset, rate = (jnp.sum(own[:, None, None] * basis[k : k + n], axis=0) for k in (6, 6 + 2 * n))
-    theta, spin = basis[_THETA], basis[_OMEGA]
-    speed_theta = slide.turned * sliding - arm * omega
-    pull_theta = arm * alpha + arm.turned * omega**2
+    arm, slide, around = moving.arm, moving.slide, moving.arm.turned
+    speed_theta, swept = slide.turned * sliding - arm * omega, slide.turned * omega
+    pull_theta = arm * (-alpha) - around * omega**2
+    out, turn, lead = found.pull.dot(arm), found.pull.dot(around), found.speed.dot(slide.turned)
+    bend = -found.center.dot(arm) - omega * found.speed.dot(around) - sliding * found.speed.dot(slide)
+    bend = bend - alpha * turn + omega**2 * out
+    theta_theta = around.dot(moved.center_theta) + speed_theta.dot(moved.speed_theta) + pull_theta.dot(moved.pull_theta)
+    theta_omega = around.dot(moved.center_omega) + speed_theta.dot(moved.speed_omega)
+    theta_offset = around.dot(moved.center_offset) + speed_theta.dot(moved.speed_offset)
+    whole = {
+        "pull x": found.pull.x,
+        "pull y": found.pull.y,
+        "turn": turn,
+        **_block("p p", found.by_center),
+        **_block("p v", found.center_speed),
+        **_block("v v", found.by_speed),
+        **_block("p a", found.center_pull),
+        **_pair("p theta", moved.center_theta),
+        **_pair("p omega", moved.center_omega),
+        **_pair("v theta", moved.speed_theta),
+        **_pair("v omega", moved.speed_omega),
+        **_pair("a theta", moved.pull_theta),
+        "theta theta": theta_theta + bend,
+        "theta omega": theta_omega - found.speed.dot(arm) - 2.0 * omega * turn,
+        "theta alpha": around.dot(moved.pull_theta) - out,
+        "omega omega": around.dot(moved.speed_omega) - 2.0 * out,
+    }
+    robots = {
+        **_pair("p offset", moved.center_offset),
+        **_pair("p rate", moved.center_rate),
+        **_pair("v offset", moved.speed_offset),
+        **_pair("v rate", moved.speed_rate),
+        "theta offset": theta_offset + found.center.dot(slide.turned) - omega * found.speed.dot(slide),
+        "theta rate": around.dot(moved.center_rate) + speed_theta.dot(moved.speed_rate) + lead,
+        "omega offset": around.dot(moved.speed_offset) + lead,
+        "omega rate": around.dot(moved.speed_rate),
+        "offset offset": slide.dot(moved.center_offset) + swept.dot(moved.speed_offset),
+        "offset rate": slide.dot(moved.center_rate) + swept.dot(moved.speed_rate),
+        "rate rate": slide.dot(moved.speed_rate),
+    }
+    return whole, robots
 
-    def rows(place: int, *terms: tuple[Vector, Array]) -> Vector:
-        x, y = (basis[place], basis[place + 1]) if place >= 0 else (by_acceleration[0], by_acceleration[1])
-        for direction, by in terms:
-            x, y = x + direction.x * by, y + direction.y * by
-        return Vector(x, y)
 
-    center = rows(0, (arm.turned, theta), (slide, offset))
-    speed = rows(3, (speed_theta, theta), (arm.turned, spin), (slide.turned * omega, offset), (slide, rate))
-    pull = rows(-1, (pull_theta, -theta), (arm * omega, -2.0 * spin), (arm.turned, swing))
+def _summed(whole: dict[str, Array], robots: dict[str, Array], n: int) -> tuple[Array, Array]:
+    """`_WHOLE` [., N] of all discs together, and `_ROBOTS` [., N_r, N] of each robot's, which come last."""
+    # By elementwise additions, since reductions over a first axis would not run along the last.
+    every = jnp.stack([whole[name] for name in _WHOLE])
+    moving = jnp.stack([robots[name][-n * ROBOT_DISCS :] for name in _ROBOTS])
+    moving = moving.reshape(len(_ROBOTS), n, ROBOT_DISCS, -1)
+    core = added([every[:, d] for d in range(every.shape[1])])
+    return core, added([moving[:, :, d] for d in range(ROBOT_DISCS)])
 
-    def applied(block: Block, v: Vector) -> Vector:
-        return Vector(block[0][0] * v.x + block[0][1] * v.y, block[1][0] * v.x + block[1][1] * v.y)
 
-    own_half = applied(found.by_center, center) * 0.5
-    at_center = own_half + applied(found.center_speed, speed) + applied(found.center_pull, pull)
-    at_speed = applied(found.by_speed, speed) * 0.5
-    out, around, lead = found.pull.dot(arm), found.pull.dot(arm.turned), found.speed.dot(slide.turned)
-    bend = -found.center.dot(arm) - omega * found.speed.dot(arm.turned) - sliding * found.speed.dot(slide)
-    bend = bend - alpha * around + omega**2 * out
-    with_offset = found.center.dot(slide.turned) - omega * found.speed.dot(slide)
-    by_theta = 0.5 * bend * theta - (found.speed.dot(arm) + 2.0 * omega * around) * spin
-    by_theta = by_theta - out * swing + with_offset * offset + lead * rate
-    by_spin = lead * offset - out * spin
-    left = (center.x, center.y, speed.x, speed.y, theta, spin)
-    right = (at_center.x, at_center.y, at_speed.x, at_speed.y, by_theta, by_spin)
-    total = sum(
-        (a[:, None] * b for a, b in zip(left, right, strict=True)), jnp.zeros_like(by_acceleration[0][:, None] * swing)
+def _block(name: str, block: Block) -> dict[str, Array]:
+    return {f"{name} xx": block.xx, f"{name} xy": block.xy, f"{name} yy": block.yy}
+
+
+def _pair(name: str, pair: Vector) -> dict[str, Array]:
+    return {f"{name} x": pair.x, f"{name} y": pair.y}
+
+
+_BY_STATE = (
+    ("p p xx", "p p xy", "p theta x", "p v xx", "p v xy", "p omega x"),
+    ("p p xy", "p p yy", "p theta y", "p v xy", "p v yy", "p omega y"),
+    ("p theta x", "p theta y", "theta theta", "v theta x", "v theta y", "theta omega"),
+    ("p v xx", "p v xy", "v theta x", "v v xx", "v v xy", "v omega x"),
+    ("p v xy", "p v yy", "v theta y", "v v xy", "v v yy", "v omega y"),
+    ("p omega x", "p omega y", "theta omega", "v omega x", "v omega y", "omega omega"),
+)
+"""by pose and twist"""
+_BY_ACCELERATION = (
+    ("p a xx", "p a xy", "a theta x"),
+    ("p a xy", "p a yy", "a theta y"),
+    ("a theta x", "a theta y", "theta alpha"),
+)
+"""by acceleration and pose; the twist has no part in it"""
+_BY_OFFSET = ("p offset x", "p offset y", "theta offset", "v offset x", "v offset y", "omega offset")
+_BY_RATE = ("p rate x", "p rate y", "theta rate", "v rate x", "v rate y", "omega rate")
+_OWN = ("offset offset", "offset rate", "rate rate")
+_WHOLE = ("pull x", "pull y", "turn", *sorted({name for row in (*_BY_STATE, *_BY_ACCELERATION) for name in row}))
+_ROBOTS = (*_BY_OFFSET, *_BY_RATE, *_OWN)
+
+
+@apart
+def _hessian(core: Array, own: Array, by_acceleration: Array) -> Array:
+    """[nz, nz, N] from the entries `_WHOLE` [., N] of all discs and `_ROBOTS` [., N_r, N] of each robot's.
+
+    `by_acceleration` [3, nz, N] are the derivatives of the acceleration by states and inputs.
+    """
+    n, nz = own.shape[1], by_acceleration.shape[1]
+    state, bent = (
+        core[jnp.array([[_WHOLE.index(name) for name in row] for row in t])] for t in (_BY_STATE, _BY_ACCELERATION)
     )
-    return total, jnp.stack([found.pull.x, found.pull.y, around])
+    basis = jnp.eye(n, dtype=own.dtype)[..., None]
+    offset, rate = own[:6], own[6:12]
+    both, mixed, rates = (basis * one for one in own[12:])
+    none, no_force = jnp.zeros_like(both), jnp.zeros_like(offset)
+
+    def row(*blocks: Array) -> Array:
+        return jnp.concatenate(blocks, axis=1)
+
+    fixed = jnp.concatenate(
+        [
+            row(state, offset, no_force, rate),
+            row(jnp.swapaxes(offset, 0, 1), both, none, mixed),
+            row(jnp.zeros((n, nz, core.shape[-1]), core.dtype)),
+            row(jnp.swapaxes(rate, 0, 1), mixed, none, rates),
+        ]
+    )
+    half = jnp.pad(transposed_times(by_acceleration, bent), ((0, 0), (0, nz - 3), (0, 0)))
+    return fixed + half + jnp.swapaxes(half, 0, 1)
