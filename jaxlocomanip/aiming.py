@@ -3,7 +3,8 @@
 A gradient of the clearance says in which direction an obstacle has to be moved, not how far. With the motion of an
 episode held fixed the answer is plain: a convex body is overlapped most deeply by an obstacle that is centred on it, so
 its ways through all places of the object are tried, and the clearance there is a matter of geometry. The object will
-not move as it did; but what has to be simulated are a few promising scenarios, not many random ones.
+not move as it did; but what has to be simulated are a few promising scenarios, not many random ones. Before anything
+has been simulated, it is supposed to go straight to its goal.
 """
 
 from __future__ import annotations
@@ -11,11 +12,12 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import jax
 import numpy as np
 from numpy.typing import NDArray
 
 from jaxlocomanip.footprint import placed, polygon_gap
-from jaxlocomanip.scenario import Scenario
+from jaxlocomanip.scenario import Obstacles, Scenario
 from jaxlocomanip.variation import BODY, NOISE, Bounds
 
 Floats = NDArray[np.floating[Any]]
@@ -37,6 +39,23 @@ class Aim:
 
     clearance: float
     coordinates: Floats
+
+
+INSTANTS = 80
+"""of an episode that are looked at"""
+
+
+_places = jax.jit(jax.vmap(Obstacles.at, in_axes=(None, 0)))
+
+
+def straight_motion(scenario: Scenario, speed: float) -> Motion:
+    """The object on its way straight from start to goal, as fast as m/s `speed`, the obstacles on theirs."""
+    start, goal = (np.asarray(pose, float) for pose in (scenario.start, scenario.goal.pose))
+    way = goal - start
+    way[2] = np.remainder(way[2] + np.pi, 2.0 * np.pi) - np.pi
+    times = np.linspace(0.0, float(scenario.duration), INSTANTS)
+    done = np.minimum(speed * times / max(float(np.hypot(*way[:2])), 1e-6), 1.0)
+    return Motion(start + done[:, None] * way, np.asarray(_places(scenario.obstacles, times)))
 
 
 def aims(scenario: Scenario, coordinates: Floats, motion: Motion, bounds: Bounds) -> list[Aim]:

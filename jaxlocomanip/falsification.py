@@ -3,8 +3,9 @@
     found = falsify(find_study("standard"), preset("paper"), seed=0)
     found.worst[0].spec, found.worst[0].clearance
 
-Random scenarios of a study, each varied at random within `variation.Bounds`, are simulated in batches. Then obstacles
-are put where the object went (`aiming`), first in the scenarios that promise most. The worst of all are improved side
+Random scenarios of a study are varied at random within `variation.Bounds`. Obstacles are put where the object would be
+if it went straight to its goal (`aiming`), and the scenarios that promise most are simulated in batches. Then obstacles
+are put where the object went, first in the scenarios that promise most. The worst of all are improved side
 by side: the gradient of the closest approach (`approach`) gives each of them a direction, and steps of several lengths
 along it are simulated; the best one is kept. Pushing is unstable, and much of what happens after any change is chance:
 every try also moves all coordinates a little at random. A scenario that no planner could solve
@@ -25,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxlocomanip.aiming import Aim, aims
+from jaxlocomanip.aiming import Aim, aims, straight_motion
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.sampling.sampler import draw
@@ -49,8 +50,10 @@ HALVINGS = 3
 class Search:
     """How long and how wide to search."""
 
+    drawn: int = 160
+    """random scenarios that are looked at, which takes no episodes"""
     screened: int = 16
-    """random scenarios to begin with"""
+    """of these, the ones that promise most and are begun with"""
     aimed: tuple[int, ...] = (8, 8, 8, 8)
     """scenarios that are tried with an obstacle in the way, round after round"""
     lanes: int = 8
@@ -120,10 +123,14 @@ def falsify(
     for count in plan.aimed:
         if not 1 <= count <= plan.screened:
             raise InputError(f"search.aimed = {count}: must be >= 1 and <= search.screened = {plan.screened}")
+    if plan.drawn < plan.screened:
+        raise InputError(f"search.drawn = {plan.drawn}: must be >= search.screened = {plan.screened}")
     trial = Trials(study, config, box, BATCH, plan.window, plan.memory)
-    begun = trial.run(list(_random_places(study, seed, plan.screened, box)))
+    drawn = list(_random_places(study, seed, plan.drawn, box))
+    rng = np.random.default_rng([seed, len(plan.aimed) + plan.rounds])
+    begun = trial.run(_promising(drawn, plan.screened, plan.spread, float(config.reference.speed), box, rng))
     lanes = [_Lane(place, found) for place, found in begun]
-    say(f"{plan.screened} random scenarios: least clearance {min(map(_clearance, lanes)):.3f} m")
+    say(f"{plan.screened} of {plan.drawn} random scenarios: least clearance {min(map(_clearance, lanes)):.3f} m")
     for number, count in enumerate(plan.aimed):
         rng = np.random.default_rng([seed, number])
         lanes = _aimed(trial, lanes, count, plan.spread, box, rng)
@@ -148,6 +155,18 @@ class _Lane:
 
 def _clearance(lane: _Lane) -> float:
     return lane.found.clearance
+
+
+def _promising(
+    places: Sequence[Place], count: int, spread: float, speed: float, bounds: Bounds, rng: np.random.Generator
+) -> list[Place]:
+    """Those that promise the least clearance with an obstacle where an object on a straight way would be."""
+    every = [
+        aims(place.scenario, place.coordinates, straight_motion(place.scenario, speed), bounds) for place in places
+    ]
+    order = sorted(range(len(places)), key=lambda k: every[k][0].clearance if every[k] else math.inf)
+    shots = ((places[k], _shot(places[k], every[k], spread, bounds, rng)) for k in order[:count])
+    return [place if shot is None else shot[1] for place, shot in shots]
 
 
 def _aimed(
@@ -217,7 +236,7 @@ def sample_worst(
     keep: int = 16,
     bounds: Bounds | None = None,
 ) -> Falsified:
-    """The worst of random scenarios: those that `falsify` of this seed begins with, and more of the same.
+    """The worst of random scenarios, the first that `falsify` of this seed draws.
 
     Args:
       study: as of `falsify`, like `config`, `seed` and `bounds`.

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from jaxlocomanip.aiming import Motion
+from jaxlocomanip.aiming import INSTANTS, Motion
 from jaxlocomanip.approach import closest_approach
 from jaxlocomanip.closed_loop import episode
 from jaxlocomanip.outcome import Outcome
@@ -30,10 +30,6 @@ from jaxlocomanip.variation import Bounds, dimension, varied_spec, vary
 from jaxlocomanip.worlds.planar import PlanarWorld
 
 Floats = NDArray[np.floating[Any]]
-
-
-INSTANTS = 80
-"""of an episode that are kept"""
 
 
 @dataclasses.dataclass(frozen=True)

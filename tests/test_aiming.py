@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jaxlocomanip.aiming import Motion, aims
+from jaxlocomanip.aiming import Motion, aims, straight_motion
 from jaxlocomanip.footprint import placed, polygon_gap
 from jaxlocomanip.variation import BODY, NOISE, Bounds, dimension, vary
 
@@ -59,3 +59,19 @@ def test_absent_obstacles_are_not_aimed(scenario):
         dataclasses.replace(scenario, obstacles=absent), coordinates, made(scenario, coordinates), Bounds()
     ):
         assert (aim.coordinates[BODY + NOISE : BODY + NOISE + 4] == 0.0).all()
+
+
+def test_the_straight_motion_ends_at_the_goal_and_turns_the_short_way(make_scenario):
+    scenario = make_scenario(
+        obstacles=OBSTACLES,
+        duration=20.0,
+        start={"pose": [0.0, 0.0, 3.0]},
+        goal={"pose": [3.0, 4.0, -3.0]},
+    )
+    motion = straight_motion(scenario, 0.5)
+    turned = motion.pose[:, 2]
+    assert np.allclose(motion.pose[0], [0.0, 0.0, 3.0]) and np.allclose(motion.pose[-1, :2], [3.0, 4.0])
+    assert turned[-1] == pytest.approx(2.0 * np.pi - 3.0) and (np.diff(turned) >= 0.0).all()
+    assert np.allclose(motion.obstacles, np.asarray(scenario.obstacles.position))
+    step = np.linalg.norm(np.diff(motion.pose[:, :2], axis=0), axis=1).max()
+    assert step == pytest.approx(0.5 * float(scenario.duration) / 79, rel=1e-3)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxlocomanip import cli, falsification
-from jaxlocomanip.aiming import Motion
+from jaxlocomanip.aiming import Motion, straight_motion
 from jaxlocomanip.build import build
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.closed_loop import simulate
@@ -32,7 +32,7 @@ count = 2
 along = { uniform = [0.3, 0.8] }
 half_size = 0.2
 """
-SMALL = Search(screened=6, aimed=(2, 2), lanes=3, rounds=3, steps=(0.1, 0.4))
+SMALL = Search(drawn=6, screened=6, aimed=(2, 2), lanes=3, rounds=3, steps=(0.1, 0.4))
 
 
 @pytest.fixture(scope="module")
@@ -119,6 +119,11 @@ def test_bad_searches_are_refused(study):
         falsify(study, PlannerConfig(), search=Search(screened=8, lanes=9, aimed=()))
 
 
+def test_more_begun_than_drawn_are_refused(study):
+    with pytest.raises(InputError, match=r"search.drawn = 4: must be >= search.screened = 16"):
+        falsify(study, PlannerConfig(), search=Search(drawn=4))
+
+
 def test_more_aims_than_scenarios_are_refused(study):
     with pytest.raises(InputError, match=r"search.aimed = 9: must be >= 1 and <= search.screened = 8"):
         falsify(study, PlannerConfig(), search=Search(screened=8, aimed=(9,)))
@@ -131,10 +136,26 @@ def test_aims_put_an_obstacle_in_the_way(study, no_episodes, monkeypatch):
         return float(np.linalg.norm(np.array(place.spec.obstacles[0].position) - stood(place).pose[0, :2]))
 
     monkeypatch.setitem(globals(), "made_up", clearance)
-    search = dataclasses.replace(SMALL, screened=8, aimed=(8,), rounds=0, lanes=8)
+    search = dataclasses.replace(SMALL, drawn=8, screened=8, aimed=(8,), rounds=0, lanes=8)
     begun = sample_worst(study, PlannerConfig(), 8, keep=8)
     found = falsify(study, PlannerConfig(), search=search)
     assert np.mean([one.clearance for one in found.worst]) < np.mean([one.clearance for one in begun.worst]) - 0.05
+
+
+def test_scenarios_that_promise_most_are_begun_with(study, no_episodes, monkeypatch):
+    """Of a made-up clearance that is the least distance of an obstacle to the straight way."""
+
+    def clearance(place):
+        way = straight_motion(place.scenario, 0.5)
+        return float(np.linalg.norm(way.obstacles - way.pose[:, None, :2], axis=-1).min())
+
+    monkeypatch.setitem(globals(), "made_up", clearance)
+    search = dataclasses.replace(SMALL, aimed=(), rounds=0, lanes=6)
+    same, many = (falsify(study, PlannerConfig(), search=dataclasses.replace(search, drawn=n)) for n in (6, 40))
+    begun = sample_worst(study, PlannerConfig(), 6, keep=6)
+    means = [np.mean([one.clearance for one in found.worst]) for found in (begun, same, many)]
+    assert means[0] > max(means[1:]) + 0.05
+    assert many.episodes == same.episodes == 6
 
 
 def test_studies_without_scenarios_within_the_bounds_are_refused(study, monkeypatch):

@@ -160,12 +160,17 @@ class Moved:
     speed_rate: Vector
 
 
+def _swings(moving: DiscMotion, sliding: Array, motion: Motion) -> tuple[Vector, Vector, Vector]:
+    """Derivatives of the velocity by heading and by offset, and of the acceleration by heading."""
+    omega, alpha = motion.twist[2], motion.acceleration[2]
+    by_heading = moving.slide.turned * sliding - moving.arm * omega
+    return by_heading, moving.slide.turned * omega, moving.arm * (-alpha) - moving.arm.turned * omega**2
+
+
 @apart
 def _moved(found: Weighted, moving: DiscMotion, sliding: Array, motion: Motion) -> Moved:
-    omega, alpha = motion.twist[2], motion.acceleration[2]
-    arm, slide, around = moving.arm, moving.slide, moving.arm.turned
-    speed_theta, swept = slide.turned * sliding - arm * omega, slide.turned * omega
-    pull_theta = arm * (-alpha) - around * omega**2
+    omega, arm, slide, around = motion.twist[2], moving.arm, moving.slide, moving.arm.turned
+    speed_theta, swept, pull_theta = _swings(moving, sliding, motion)
     center, mixed, speed, pull = found.by_center, found.center_speed, found.by_speed, found.center_pull
     return Moved(
         center_theta=center.times(around) + mixed.times(speed_theta) + pull.times(pull_theta),
@@ -187,8 +192,7 @@ def _entries(
     """Entries [D, N] of each disc's Hessian by name: those of the object's variables, and of its robot's."""
     omega, alpha = motion.twist[2], motion.acceleration[2]
     arm, slide, around = moving.arm, moving.slide, moving.arm.turned
-    speed_theta, swept = slide.turned * sliding - arm * omega, slide.turned * omega
-    pull_theta = arm * (-alpha) - around * omega**2
+    speed_theta, swept, pull_theta = _swings(moving, sliding, motion)
     out, turn, lead = found.pull.dot(arm), found.pull.dot(around), found.speed.dot(slide.turned)
     bend = -found.center.dot(arm) - omega * found.speed.dot(around) - sliding * found.speed.dot(slide)
     bend = bend - alpha * turn + omega**2 * out
