@@ -121,7 +121,9 @@ def tick(
     limit = shapes.team.offset_limit
     sent = decided.sent
     wanted = jnp.clip(offset + horizon.tick * sent.offset_rate, -limit, limit)
-    twist = decided.solver.plan.xs[1, 3:6]
+    # Not the plan's, whose pushes may not be those that are sent: robots that walk on with it lean on the object.
+    wrench_B = dynamics.body_wrench(shapes.team.contact_points(offset), shapes.team.normal, sent.force)
+    _, twist = dynamics.step(body, estimate.pose, estimate.twist, wrench_B, horizon.dt, horizon.smoothing)
     command = Command(sent.force, sent.offset_rate, wanted, twist, progress.resting, measured.formation)
     new = PlannerState(
         estimate,

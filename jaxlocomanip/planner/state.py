@@ -68,7 +68,7 @@ class Command:
     offset: Array
     """[N_r] m, contact offset at the end of the tick"""
     twist: Array
-    """[3] m/s, rad/s: the object's planned velocity"""
+    """[3] m/s, rad/s: the velocity to which these pushes bring the object in the next stage"""
     resting: Array
     """[] bool: the object has arrived"""
     formation: Array
