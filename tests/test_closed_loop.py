@@ -56,6 +56,18 @@ def batch(scenarios, double):
         return made, jax.tree.map(np.asarray, simulate(made, CONFIG))
 
 
+def test_robots_walk_with_the_object_that_is_pushed_not_with_the_plan(batch):
+    """Pushes that are too weak to move an object at rest ask nobody to walk, whatever the plan wants."""
+    made, result = batch
+    log, normal = result.log, np.asarray(made.team.normal)
+    push = np.linalg.norm(np.einsum("btr,brx->btx", log.command.force, normal), axis=-1)
+    still = np.abs(log.view.twist).max(axis=-1) < 1e-3
+    weak = still & (push < 0.5 * log.parameters[..., 4]) & ~log.command.resting
+    planned = np.linalg.norm(log.plan[:, :, 2, :2] - log.plan[:, :, 1, :2], axis=-1) / CONFIG.horizon.dt
+    assert (planned[weak] > 0.1).sum() > 10
+    assert np.abs(log.command.twist[weak]).max() < 0.05
+
+
 def test_the_team_gets_under_way(batch):
     _, result = batch
     moved = np.linalg.norm(result.log.view.pose[:, -1, :2], axis=1)
