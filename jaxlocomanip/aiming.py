@@ -22,6 +22,9 @@ from jaxlocomanip.variation import BODY, NOISE, Bounds
 
 Floats = NDArray[np.floating[Any]]
 
+INSTANTS = 80
+"""of an episode that are looked at"""
+
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
@@ -39,10 +42,6 @@ class Aim:
 
     clearance: float
     coordinates: Floats
-
-
-INSTANTS = 80
-"""of an episode that are looked at"""
 
 
 _places = jax.jit(jax.vmap(Obstacles.at, in_axes=(None, 0)))

@@ -99,7 +99,7 @@ def corrected(
     slips = slips & (config.adaptation.breakaway > 0.5) & adapts & (config.safety.enabled > 0.5)
 
     def bounded(psi: Array) -> Array:
-        # Noise passes for a slip once in some ten thousand ticks, also when nobody pushes.
+        # Noise passes for a slip once in 66,000 ticks, also when nobody pushes.
         least = config.safety.friction * psi[0] * dynamics.GRAVITY
         share = jnp.minimum(1.0, jnp.maximum(watched.push, least) / jnp.maximum(psi[4], 1e-3))
         return jnp.where(slips, psi.at[4:].multiply(share), psi)
