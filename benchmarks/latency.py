@@ -79,7 +79,7 @@ def _timed(parts: Mapping[str, tuple[Any, ...]], calls: int) -> dict[str, dict[s
 
 def _depending(s: Instant) -> dict[str, tuple[Any, ...]]:
     """Parts of a tick whose work grows with the horizon: a function and its arguments each."""
-    lq, _ = jax.jit(sqp.linearise)(s.problem, s.solver.plan)
+    lq, *_ = jax.jit(sqp.linearise)(s.problem, s.solver.plan)
     settings = decision.options(s.config)
     still = jnp.zeros_like(s.x0)
     direction = jax.jit(riccati.solve)(lq, still, s.solver.damping)

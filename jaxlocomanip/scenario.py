@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxlocomanip.numerics import pytree
-from jaxlocomanip.planar.dynamics import Body
+from jaxlocomanip.planar.dynamics import Body, body_wrench
 from jaxlocomanip.planar.geometry import perpendicular, transform
 
 
@@ -79,6 +79,10 @@ class Team:
     def contact_points(self, offset: Array) -> Array:
         """[N_r, 2] contact points in the object's frame at the offsets [N_r]."""
         return self.origin + offset[:, None] * self.tangent
+
+    def wrench(self, offset: Array, force: Array) -> Array:
+        """[3] N, N, N m, of pushes [N_r] N at the offsets [N_r] m, about p, in the object's frame."""
+        return body_wrench(self.contact_points(offset), self.normal, force)
 
     def robot_poses(self, pose: Array, offset: Array) -> Array:
         """[N_r, 3] poses of the robots' rectangles in the world, for an object pose [3]."""

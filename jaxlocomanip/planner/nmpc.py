@@ -122,7 +122,7 @@ def tick(
     sent = decided.sent
     wanted = jnp.clip(offset + horizon.tick * sent.offset_rate, -limit, limit)
     # Not the plan's, whose pushes may not be those that are sent: robots that walk on with it lean on the object.
-    wrench_B = dynamics.body_wrench(shapes.team.contact_points(offset), shapes.team.normal, sent.force)
+    wrench_B = shapes.team.wrench(offset, sent.force)
     _, twist = dynamics.step(body, estimate.pose, estimate.twist, wrench_B, horizon.dt, horizon.smoothing)
     command = Command(sent.force, sent.offset_rate, wanted, twist, progress.resting, measured.formation)
     new = PlannerState(
@@ -171,8 +171,7 @@ def observe(
     asked = jnp.where(measured.contact, state.command.force, 0.0)
     force = state.force + (asked - state.force) * horizon.tick / (horizon.tick + FORCE_LAG)
     offset = 0.5 * (state.offset + measured.offset)
-    team = task.shapes.team
-    wrench_B = dynamics.body_wrench(team.contact_points(offset), team.normal, force)
+    wrench_B = task.shapes.team.wrench(offset, force)
     pose, twist, slope_of = adaptation.predict(
         psi, before.pose, before.twist, wrench_B, horizon.tick, horizon.smoothing
     )

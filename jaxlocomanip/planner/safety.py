@@ -20,7 +20,6 @@ from jax import Array
 
 from jaxlocomanip.lanes import where_needed
 from jaxlocomanip.numerics import pytree, safe_norm
-from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
 from jaxlocomanip.planner.braking import STIRRING, BrakeRooms, braking_rooms
 from jaxlocomanip.planner.breakaway import limit_push
@@ -199,9 +198,7 @@ def prove_friction(
       shapes: geometry.
       config: settings.
     """
-    team = shapes.team
-    wrench_B = dynamics.body_wrench(team.contact_points(offset), team.normal, force)
-    push = limit_push(wrench_B, body.com, shapes)
+    push = limit_push(shapes.team.wrench(offset, force), body.com, shapes)
     settings, tick = config.safety, config.horizon.tick
     speed = safe_norm(estimate.twist[:2])
     sliding = settings.belief * body.friction_force

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from jaxlocomanip import checked
 from jaxlocomanip.checked import InputError
+from jaxlocomanip.footprint import placed, polygon_gap
 from jaxlocomanip.locomotion.robot import LEGS
 from jaxlocomanip.planar.dynamics import GRAVITY
 from jaxlocomanip.robots.model import ROBOT_TYPES
@@ -35,7 +36,11 @@ from jaxlocomanip.worlds.scene_robots import JOINT_NAMES, RobotPart, add_pair, a
 Floats = NDArray[np.floating[Any]]
 
 STANDOFF = 0.15
-"""m, from the pusher to the face at the start"""
+"""m, from the pusher to the face at the start, where there is room"""
+ROOM_BEHIND = 0.05
+"""m to obstacles, up to which a robot starts nearer to its face instead"""
+STEPS_BACK = 31
+"""distances from the face that are tried"""
 TIMESTEP = 0.002
 """s"""
 
@@ -113,7 +118,7 @@ def build_scene(
     Args:
       scenario: without batch axis.
       robots: MJCF file of each robot, with the names of the packaged ones; those of the team's types by default.
-      standoff: m, from the pushers to their faces, >= 0.
+      standoff: m, from the pushers to their faces, >= 0; less for a robot with an obstacle behind it (`standoffs`).
       timestep: s.
       joint_limits: keep the joints' ranges. They cost nothing in MuJoCo C, where only a limit that is reached adds a
         constraint, and 10 to 20 % of a batch's speed in MJX, which carries one for each joint.
@@ -185,10 +190,35 @@ def _add_object(spec: mujoco.MjSpec, scenario: Scenario) -> None:
         add_pair(spec, "floor", geom, [sliding / (mass * GRAVITY), 0.0, 0.0])
 
 
+def standoffs(scenario: Scenario, most: float) -> Floats:
+    """[N_r] m, from each pusher to its face at the start.
+
+    A scenario promises room for robots that touch the object, not for what lies behind them. So a robot starts less
+    than `most` away where it would come within `ROOM_BEHIND` of an obstacle, or nearer to it than at its face.
+    """
+    obstacles, team = scenario.obstacles, scenario.team
+    present = np.asarray(obstacles.mask)
+    shapes = np.asarray(obstacles.vertices, dtype=float) + np.asarray(obstacles.at(np.zeros(())), dtype=float)[:, None]
+    poses = np.asarray(team.robot_poses(scenario.start, team.offset), dtype=float)
+    backward = -np.stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])], axis=-1)
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    rectangles = corners * np.stack([team.half_length, team.half_width], axis=-1)[:, None]
+    tried = np.linspace(0.0, most, STEPS_BACK)
+    room = []
+    for distance in tried:
+        moved = poses + distance * np.pad(backward, ((0, 0), (0, 1)))
+        gaps = polygon_gap(placed(moved, rectangles)[:, None], shapes, np.asarray(obstacles.radius))
+        room.append(np.where(present, gaps, np.inf).min(axis=1))
+    enough = np.stack(room) >= np.minimum(room[0], ROOM_BEHIND)
+    # The first step that lacks room ends the way back, whatever is behind it.
+    return tried[np.cumprod(enough, axis=0, dtype=int).sum(axis=0) - 1]
+
+
 def _start(
     model: mujoco.MjModel, tables: Tables, scenario: Scenario, team: Sequence[RobotPart], standoff: float
 ) -> Floats:
     """[nq] the object at its start pose, each robot at its stand pose before its contact point and facing it."""
+    away = standoffs(scenario, standoff)
     qpos = model.qpos0.copy()
     pose = np.asarray(scenario.start, dtype=float)
     qpos[tables.object_qpos :][:7] = [pose[0], pose[1], 0.0, *_upright(pose[2])]
@@ -197,7 +227,7 @@ def _start(
     points = pose[:2] + np.asarray(scenario.team.contact_points(scenario.team.offset), dtype=float) @ turn.T
     normals = np.asarray(scenario.team.normal, dtype=float) @ turn.T
     for i, robot in enumerate(team):
-        x, y = points[i] - (robot.front + standoff) * normals[i]
+        x, y = points[i] - (robot.front + away[i]) * normals[i]
         heading = np.arctan2(normals[i, 1], normals[i, 0])
         qpos[tables.trunk_qpos[i] :][:7] = [x, y, robot.height, *_upright(heading)]
         qpos[list(tables.joint_qpos[i])] = robot.stand

@@ -13,7 +13,7 @@ from jaxlocomanip.robots.model import load_robot
 mujoco = pytest.importorskip("mujoco")
 
 from jaxlocomanip.worlds import scene_shapes  # noqa: E402
-from jaxlocomanip.worlds.scene import STANDOFF, build_scene  # noqa: E402
+from jaxlocomanip.worlds.scene import STANDOFF, build_scene, standoffs  # noqa: E402
 
 HEXAGON = [[0.3 * np.cos(a), 0.3 * np.sin(a)] for a in np.arange(6) * np.pi / 3]
 TRIANGLE = [[0.0, 0.0], [0.7, 0.0], [0.2, 0.6]]
@@ -130,6 +130,20 @@ def test_robots_stand_before_their_faces(make_scenario, standoff):
         soles = data.geom_xpos[list(scene.tables.foot_geom[i]), 2]
         radii = scene.model.geom_size[list(scene.tables.foot_geom[i]), 0]
         assert soles == pytest.approx(radii, abs=2e-3)
+
+
+def test_a_robot_with_an_obstacle_behind_it_starts_nearer_to_its_face(make_scenario):
+    """As far back as leaves 5 cm of room, and no farther than the other robot needs not to care."""
+    scenario = make_scenario()
+    rear = np.asarray(scenario.team.robot_poses(scenario.start, scenario.team.offset))[0]
+    ahead = np.array([np.cos(rear[2]), np.sin(rear[2])])
+    back = float(scenario.team.half_length[0])
+    for gap, away in ((0.5, STANDOFF), (0.13, 0.08), (0.05, 0.0), (0.02, 0.0)):
+        center = rear[:2] - (back + gap + 0.3) * ahead
+        blocked = make_scenario(obstacles=[{"shape": "circle", "position": center.tolist(), "radius": 0.3}])
+        found = standoffs(blocked, STANDOFF)
+        assert found[0] == pytest.approx(away, abs=STANDOFF / 30.0 + 1e-6)
+        assert found[1] == pytest.approx(STANDOFF)
 
 
 def test_tables_follow_the_leg_order(make_scenario):
