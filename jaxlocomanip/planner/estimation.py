@@ -14,6 +14,9 @@ from jax import Array
 from jaxlocomanip.numerics import Floats, pytree, wrap_angle
 from jaxlocomanip.planner.config import Estimation
 
+PREDICTED = 3.0
+"""s, for which paths trust obstacles to go on as they do now"""
+
 
 @pytree
 class ObjectEstimate:

@@ -14,7 +14,7 @@ from jaxlocomanip.planar.geometry import Outline, outline, quick_distance, rotat
 from jaxlocomanip.planar.vector import Vector, vectors
 from jaxlocomanip.planner.authority import usable_offsets
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.estimation import ObstacleEstimate
+from jaxlocomanip.planner.estimation import PREDICTED, ObstacleEstimate
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.scenario import Goal
 
@@ -89,7 +89,7 @@ def distance_field(
     ticks = jnp.arange(CELLS, dtype=local.dtype) * grid.spacing
     nodes = grid.origin + jnp.stack(jnp.meshgrid(ticks, ticks, indexing="ij"), axis=-1)
     arrival = jnp.sqrt(jnp.sum((nodes - local[:2]) ** 2, axis=-1)) / config.reference.speed
-    arrival = jnp.clip(arrival, 0.0, 3.0)
+    arrival = jnp.clip(arrival, 0.0, PREDICTED)
     world = goal[:2] + rotate(goal[2], nodes)
     edges = outline(vectors(jnp.swapaxes(shapes.obstacle_vertices, 0, 1)[..., None, None, :]))
     return _field(vectors(world), arrival, edges, shapes, obstacles, config)

@@ -17,7 +17,7 @@ from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planar.geometry import rotate
 from jaxlocomanip.planner.authority import offset_ends
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.estimation import ObstacleEstimate
+from jaxlocomanip.planner.estimation import PREDICTED, ObstacleEstimate
 from jaxlocomanip.planner.path import UNPLANNED, Path, resample
 from jaxlocomanip.planner.quasistatic import Friction, PathProblem, PathStage, friction_of, motion
 from jaxlocomanip.planner.shapes import Shapes
@@ -193,7 +193,7 @@ def _problem(
     end = goal.pose + jnp.array([0.0, 0.0, 2.0 * jnp.pi], poses.dtype) * turns
     arc = guess.length * jnp.arange(STEPS, dtype=poses.dtype) / STEPS
     closeness = jnp.maximum(1.0 - (guess.length - arc) / _RUN_UP, 0.0)
-    time = jnp.minimum(arc / config.reference.speed, 3.0)
+    time = jnp.minimum(arc / config.reference.speed, PREDICTED)
     stages = PathStage(poses[:-1], turn_radius * jnp.sqrt(1.0 + _LATE * closeness), time)
     tolerance = jnp.stack([goal.position_tolerance, goal.position_tolerance, goal.heading_tolerance])
     step = jnp.maximum(guess.length / STEPS, 1e-3)

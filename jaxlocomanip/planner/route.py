@@ -15,11 +15,11 @@ from jax import Array
 
 from jaxlocomanip.formation import team_in
 from jaxlocomanip.lanes import where_needed
-from jaxlocomanip.numerics import pytree, select, wrap_angle
+from jaxlocomanip.numerics import pytree, safe_norm, select, wrap_angle
 from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planner import reference
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.planner.estimation import ObstacleEstimate
+from jaxlocomanip.planner.estimation import PREDICTED, ObstacleEstimate
 from jaxlocomanip.planner.path import UNPLANNED, Aim, Path
 from jaxlocomanip.planner.reference import Progress
 from jaxlocomanip.planner.refine import Guess, Refined, guess_along, guess_from, refine, unrefined
@@ -31,6 +31,8 @@ _WORSE, _MORE = 1.1, 0.3
 """a new path is searched if the old one costs more than so many times what it was expected to, and so many metres"""
 _SHARE, _LESS = 0.8, 0.3
 """a new path is taken if it costs less than this share of the old one's cost, less so many metres"""
+_NEAR = 2.0
+"""m from the object, within which an obstacle that moves is a reason to search anew"""
 
 
 @pytree
@@ -86,7 +88,8 @@ def plan(
     # A path on which nothing moves is none, whatever it seems to cost: then the search decides alone.
     stuck = reference.stalls(progress, config.reference) >= reference.PATIENCE
     # Beside obstacles that move a new path is searched every time, which is no reason to look at all formations.
-    wide = stuck | (path.cost >= UNPLANNED) | ~jnp.any(shapes.obstacle_dynamic & shapes.obstacle_mask)
+    beset = _beset(pose, shapes, obstacles)
+    wide = stuck | (path.cost >= UNPLANNED) | ~beset
     query = jax.lax.stop_gradient(Query(pose, offset, goal, now, stuck, wide, berth, walks))
     rest = guess_along(path, progress.projected, pose, offset, there, body, config), path.aim
 
@@ -104,7 +107,7 @@ def plan(
         found = where_needed(needed, lambda arguments: refine(*arguments), arguments, best.refined, skips)
         new = Choice(found, aim)
         best = select(needed & (new.cost < _SHARE * best.cost - _LESS), new, best)
-        return (best, ~progress.resting & _wants_rival(best, path, progress, shapes, config)), None
+        return (best, ~progress.resting & (beset | _wants_rival(best, path, progress, config))), None
 
     first = (Choice(unrefined(rest[0]), path.aim), ~progress.resting & (path.cost < UNPLANNED) & ~stuck)
     # One after the other in a loop, so that the refinement is compiled once.
@@ -112,8 +115,20 @@ def plan(
     return best
 
 
-def _wants_rival(best: Choice, path: Path, progress: Progress, shapes: Shapes, config: PlannerConfig) -> Array:
-    """[] bool: a path that goes on as it was expected to needs no rival, unless obstacles move."""
+def _beset(pose: Array, shapes: Shapes, obstacles: ObstacleEstimate) -> Array:
+    """[] bool: an obstacle that moves is near an object at a pose [3], or soon will be.
+
+    Those far away are as good as standing ones, whose price on the path in force is looked at in every search.
+    """
+    times = jnp.linspace(0.0, PREDICTED, 4)[:, None, None]
+    places = obstacles.position + times * obstacles.velocity
+    sizes = jnp.max(safe_norm(shapes.obstacle_vertices, axis=-1), axis=-1) + shapes.obstacle_radius
+    away = jnp.min(safe_norm(places - pose[:2], axis=-1), axis=0) - sizes
+    return jnp.any(shapes.obstacle_dynamic & shapes.obstacle_mask & (away < _NEAR))
+
+
+def _wants_rival(best: Choice, path: Path, progress: Progress, config: PlannerConfig) -> Array:
+    """[] bool: a path that goes on as it was expected to needs no rival."""
     expected = path.cost * (path.length - progress.projected) / jnp.maximum(path.length, 1e-3)
     worse = best.refined.cost > _WORSE * expected + _MORE
     goal = best.aim.goal
@@ -121,5 +136,4 @@ def _wants_rival(best: Choice, path: Path, progress: Progress, shapes: Shapes, c
     off = jnp.maximum(
         jnp.max(miss[:2]) / goal.position_tolerance, jnp.abs(wrap_angle(miss[2])) / goal.heading_tolerance
     )
-    moving = jnp.any(shapes.obstacle_dynamic & shapes.obstacle_mask)
-    return worse | moving | (off > config.reference.arrive)
+    return worse | (off > config.reference.arrive)

@@ -37,6 +37,8 @@ _HIT = 20.0
 """cost of a moment of contact"""
 _CHANGE = 1.0
 """cost of another first move than before, lest noise decide"""
+_BELIEVED = 4.0
+"""s, about which a prediction at constant velocity is worth something: what comes to and fro turns round before that"""
 _REACHED = np.array([(j, k) for k in range(STEPS + 1) for j in range(k + 1)]).T
 """steps made and steps of time of all moments that can be reached"""
 
@@ -55,6 +57,7 @@ def has_to_wait(path: Path, progress: Progress, situation: Situation, shapes: Sh
     room = moments(*given)
     price = _OVERLAP * jnp.maximum(-room, 0.0) + jnp.maximum(BERTH - room, 0.0)
     price = price + jnp.where(room < -config.safety.margin, _HIT, 0.0)
+    price = price * jnp.asarray(np.exp(-((STEP * _REACHED[1] / _BELIEVED) ** 2)), price.dtype)
     wait, on = _first_moves(price)
     return jnp.where(progress.held, wait < on + _CHANGE, wait + _CHANGE < on)
 
