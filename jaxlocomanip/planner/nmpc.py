@@ -102,8 +102,7 @@ def tick(
         horizon.tick,
         config.reference,
     )
-    # The reference waits for the robots: a lead built up while nobody can push would be caught up with in a jerk.
-    progress = select(jnp.any(measured.contact), progress, state.progress)
+    progress = select(jnp.any(measured.contact), progress, reference.apart(state.progress))
     warm = shift(state.solver, horizon.tick / horizon.dt)
     gaps = keeping.gaps_of(estimate, measured.offset, obstacles, shapes, config)
     kept = select(changed, keeping.start(gaps), keeping.watch(state.kept, gaps, horizon.tick))

@@ -65,6 +65,16 @@ def restart(progress: Progress, path: Path, settings: Reference) -> Progress:
     return dataclasses.replace(progress, projected=jnp.zeros_like(lead), reference=lead, stalled=stalled)
 
 
+def apart(progress: Progress) -> Progress:
+    """Progress while nobody is at the object.
+
+    The reference waits for the robots: a lead built up while nobody can push would be caught up with in a jerk. Nor is
+    a team stuck that does not push: one that had to walk up to its faces first, or around the object, was taken for
+    stuck when it got there, and walked on.
+    """
+    return dataclasses.replace(progress, stalled=jnp.zeros_like(progress.stalled))
+
+
 def advance(
     progress: Progress,
     path: Path,

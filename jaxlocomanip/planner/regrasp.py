@@ -112,7 +112,8 @@ def room_to_walk(
       wanted: [] int, formation to take.
       shapes: geometry, and the team in its first formation.
       formations: the other ones.
-      obstacles: as estimated; extrapolated at constant velocity, with a berth that grows in time.
+      obstacles: as estimated; where they are and where they would be at constant velocity, with a berth that grows in
+        time.
       config: settings.
     """
     size = count(formations)
@@ -122,13 +123,15 @@ def room_to_walk(
     def at(phase: Array) -> Array:
         bodies = jax.vmap(rectangle)(walk.poses_in_world(pose, phase), leaves.half_length, leaves.half_width)
         time = jnp.sum(walk.durations * jnp.clip(phase - jnp.arange(PHASES), 0.0, 1.0))
-        places = obstacles.position + obstacles.velocity * time
+        # One that goes away may come back: a walk cannot be broken off.
+        places = jnp.stack([obstacles.position, obstacles.position + obstacles.velocity * time], axis=1)
         berth = jnp.where(shapes.obstacle_dynamic, config.reference.caution * time, 0.0)
 
         def from_obstacles(body: Array) -> Array:
-            each = jax.vmap(lambda place, v, r: polygon_distance(body, 0.0, place + v, r))(
-                places, shapes.obstacle_vertices, shapes.obstacle_radius
-            )
+            def from_one(places: Array, vertices: Array, radius: Array) -> Array:
+                return jnp.min(jax.vmap(lambda place: polygon_distance(body, 0.0, place + vertices, radius))(places))
+
+            each = jax.vmap(from_one)(places, shapes.obstacle_vertices, shapes.obstacle_radius)
             return jnp.min(jnp.where(shapes.obstacle_mask, each - berth, FAR))
 
         return jnp.min(jax.vmap(from_obstacles)(bodies))

@@ -88,8 +88,8 @@ def plan(
     # A path on which nothing moves is none, whatever it seems to cost: then the search decides alone.
     stuck = reference.stalls(progress, config.reference) >= reference.PATIENCE
     # Beside obstacles that move a new path is searched every time, which is no reason to look at all formations.
-    beset = _beset(pose, shapes, obstacles)
-    wide = stuck | (path.cost >= UNPLANNED) | ~beset
+    threatened = beset(pose, shapes, obstacles)
+    wide = stuck | (path.cost >= UNPLANNED) | ~threatened
     query = jax.lax.stop_gradient(Query(pose, offset, goal, now, stuck, wide, berth, walks))
     rest = guess_along(path, progress.projected, pose, offset, there, body, config), path.aim
 
@@ -107,7 +107,7 @@ def plan(
         found = where_needed(needed, lambda arguments: refine(*arguments), arguments, best.refined, skips)
         new = Choice(found, aim)
         best = select(needed & (new.cost < _SHARE * best.cost - _LESS), new, best)
-        return (best, ~progress.resting & (beset | _wants_rival(best, path, progress, config))), None
+        return (best, ~progress.resting & (threatened | _wants_rival(best, path, progress, config))), None
 
     first = (Choice(unrefined(rest[0]), path.aim), ~progress.resting & (path.cost < UNPLANNED) & ~stuck)
     # One after the other in a loop, so that the refinement is compiled once.
@@ -115,7 +115,7 @@ def plan(
     return best
 
 
-def _beset(pose: Array, shapes: Shapes, obstacles: ObstacleEstimate) -> Array:
+def beset(pose: Array, shapes: Shapes, obstacles: ObstacleEstimate) -> Array:
     """[] bool: an obstacle that moves is near an object at a pose [3], or soon will be.
 
     Those far away are as good as standing ones, whose price on the path in force is looked at in every search.

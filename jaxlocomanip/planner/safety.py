@@ -70,7 +70,7 @@ def candidates(
     offset, waiting = situation.offset, situation.waiting
     fastest, away = slide_limits(situation.estimate.pose, offset, situation.obstacles.position, shapes, config)
     rate, back, away = (
-        keep_room(offset, jnp.clip(wanted, -fastest[0], fastest[1]), shapes.team, config.safety.margin)
+        keep_room(offset, jnp.clip(wanted, -fastest[0], fastest[1]), shapes.team, config.safety.team_margin)
         for wanted in (rate, -rate, away)
     )
     # What acts on an object that lies still does not move it. From there single robots may push harder.

@@ -19,6 +19,7 @@ from jax import Array
 
 from jaxlocomanip.planner import reference
 from jaxlocomanip.planner.config import PlannerConfig
+from jaxlocomanip.planner.estimation import PREDICTED
 from jaxlocomanip.planner.path import Path
 from jaxlocomanip.planner.reference import Progress
 from jaxlocomanip.planner.room import bodies_of, rooms_at
@@ -37,8 +38,6 @@ _HIT = 20.0
 """cost of a moment of contact"""
 _CHANGE = 1.0
 """cost of another first move than before, lest noise decide"""
-_BELIEVED = 4.0
-"""s, about which a prediction at constant velocity is worth something: what comes to and fro turns round before that"""
 _REACHED = np.array([(j, k) for k in range(STEPS + 1) for j in range(k + 1)]).T
 """steps made and steps of time of all moments that can be reached"""
 
@@ -57,7 +56,8 @@ def has_to_wait(path: Path, progress: Progress, situation: Situation, shapes: Sh
     room = moments(*given)
     price = _OVERLAP * jnp.maximum(-room, 0.0) + jnp.maximum(BERTH - room, 0.0)
     price = price + jnp.where(room < -config.safety.margin, _HIT, 0.0)
-    price = price * jnp.asarray(np.exp(-((STEP * _REACHED[1] / _BELIEVED) ** 2)), price.dtype)
+    # What comes to and fro turns round before it gets to where it would be much later.
+    price = price * jnp.asarray(np.exp(-((STEP * _REACHED[1] / PREDICTED) ** 2)), price.dtype)
     wait, on = _first_moves(price)
     return jnp.where(progress.held, wait < on + _CHANGE, wait + _CHANGE < on)
 

@@ -113,6 +113,16 @@ def test_a_team_is_stuck_after_searches_in_a_row_without_progress(x64, path):
     assert reference.stalls(dataclasses.replace(progress, resting=jnp.asarray(True)), SETTINGS) == 0
 
 
+def test_a_team_on_its_way_to_the_object_is_not_stuck(x64, path):
+    progress = reference.start()
+    for _ in range(2 * reference.PATIENCE):
+        progress = reference.restart(reference.apart(progress), path, SETTINGS)
+        assert reference.stalls(progress, SETTINGS) < reference.PATIENCE
+    progress = reference.apart(progress)
+    assert [int(v) for v in (progress.projected, progress.reference, progress.stalled)] == [0, 0, 0]
+    assert reference.stalls(progress, SETTINGS) == 1
+
+
 def test_targets_run_along_the_path_and_come_to_rest_at_the_goal(x64, path):
     times = jnp.arange(0.0, 40.0, 0.1)
     made = targets(reference.start(), path, times, SETTINGS)

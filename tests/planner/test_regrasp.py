@@ -50,6 +50,7 @@ def find(scenario, config, stuck):
 @jax.jit
 def room(scenario, pose, wanted):
     seen = estimation.start_obstacles(scenario.obstacles.at(jnp.zeros(())), CONFIG.estimation)
+    seen = dataclasses.replace(seen, velocity=scenario.obstacles.velocity)
     none, shapes = jnp.zeros((), jnp.int32), shapes_of(scenario)
     offset = scenario.team.offset
     return regrasp.room_to_walk(pose, offset, none, wanted, shapes, scenario.formations, seen, CONFIG)
@@ -88,6 +89,19 @@ def test_a_walk_needs_room_on_its_side_of_the_object(wanted, blocked):
     scenario = scenario_to((4.0, 4.0, 0.0), places=(blocked,))
     rooms = {k: float(room(scenario, scenario.start, jnp.asarray(k))) for k in (1, 3)}
     assert rooms[wanted] < 0.0 < rooms[4 - wanted]
+
+
+def test_an_obstacle_that_goes_away_may_come_back_during_a_walk():
+    """A walk cannot be broken off: one of 256 teams walked into what had turned round."""
+    scenario = scenario_to((4.0, 4.0, 0.0), places=((1.5, -0.9),))
+    rooms = []
+    for speed in (0.0, 0.3, -0.3):
+        moving = dataclasses.replace(
+            scenario.obstacles, velocity=jnp.array([[0.8 * speed, -0.6 * speed]]), dynamic=jnp.ones(1, bool)
+        )
+        rooms.append(float(room(dataclasses.replace(scenario, obstacles=moving), scenario.start, jnp.asarray(1))))
+    assert rooms[1] == pytest.approx(rooms[0], abs=1e-5)
+    assert rooms[2] < rooms[0] - 0.1
 
 
 def test_robots_in_a_tight_place_may_leave_it():

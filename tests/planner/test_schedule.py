@@ -105,6 +105,17 @@ def test_a_team_does_not_wait_for_what_comes_much_later_or_went_before(scene):
         assert room > 0.3
 
 
+def test_a_team_near_its_goal_does_not_wait_for_what_may_turn_round_before(scene):
+    """What would be at the goal in 7 s at its present velocity does not keep a team from getting there."""
+    scenario, path = scene(0.45, 0.0)
+    goal = scenario.goal.pose[:2]
+    back = goal - 0.45 * 7.0 * ACROSS
+    coming = dataclasses.replace(scenario.obstacles, position=jnp.asarray(back, jnp.float32)[None])
+    near = float(path.length) - 0.5
+    waits, _, _ = follow((dataclasses.replace(scenario, obstacles=coming), path), begin=near, seconds=1.0)
+    assert not waits.any()
+
+
 def test_a_team_in_the_way_goes_on(scene):
     """To stand there would be to be run over."""
     begin = float(np.linalg.norm(CROSSING))
