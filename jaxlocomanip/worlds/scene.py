@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -198,7 +199,7 @@ def standoffs(scenario: Scenario, most: float) -> Floats:
     """
     obstacles, team = scenario.obstacles, scenario.team
     present = np.asarray(obstacles.mask)
-    shapes = np.asarray(obstacles.vertices, dtype=float) + np.asarray(obstacles.at(np.zeros(())), dtype=float)[:, None]
+    shapes = np.asarray(obstacles.vertices, dtype=float) + np.asarray(obstacles.at(jnp.zeros(())), dtype=float)[:, None]
     poses = np.asarray(team.robot_poses(scenario.start, team.offset), dtype=float)
     backward = -np.stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])], axis=-1)
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
