@@ -20,7 +20,7 @@ from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planner import adaptation, breakaway, estimation, keeping, path, reference, route, safety, schedule
 from jaxlocomanip.planner.adaptation import ParameterEstimate
 from jaxlocomanip.planner.breakaway import Breakaway
-from jaxlocomanip.planner.config import PlannerConfig
+from jaxlocomanip.planner.config import Horizon, PlannerConfig
 from jaxlocomanip.planner.decision import Report, at_rest, decide
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.path import Path
@@ -117,13 +117,7 @@ def tick(
     situation = dataclasses.replace(situation, held=progress.held)
     given = (situation, state.path, progress, warm, shapes, config)
     decided = _if_awake(progress, decide, given, at_rest(situation, warm), config)
-    limit = shapes.team.offset_limit
-    sent = decided.sent
-    wanted = jnp.clip(offset + horizon.tick * sent.offset_rate, -limit, limit)
-    # Not the plan's, whose pushes may not be those that are sent: robots that walk on with it lean on the object.
-    wrench_B = shapes.team.wrench(offset, sent.force)
-    _, twist = dynamics.step(body, estimate.pose, estimate.twist, wrench_B, horizon.dt, horizon.smoothing)
-    command = Command(sent.force, sent.offset_rate, wanted, twist, progress.resting, measured.formation)
+    command = _command(decided.sent, situation, progress, measured.formation, shapes, horizon)
     new = PlannerState(
         estimate,
         obstacles,
@@ -145,6 +139,18 @@ def tick(
     if count(task.formations) > 1:
         new = regrouping(new, measured, task, config)
     return new, new.command, decided.report
+
+
+def _command(
+    sent: safety.Filtered, situation: Situation, progress: Progress, formation: Array, shapes: Shapes, horizon: Horizon
+) -> Command:
+    """What the robots are told, once the filter has had its say."""
+    team, estimate, offset = shapes.team, situation.estimate, situation.offset
+    wanted = jnp.clip(offset + horizon.tick * sent.offset_rate, -team.offset_limit, team.offset_limit)
+    # Not the plan's, whose pushes may not be those that are sent: robots that walk on with it lean on the object.
+    wrench_B = team.wrench(offset, sent.force)
+    _, twist = dynamics.step(situation.body, estimate.pose, estimate.twist, wrench_B, horizon.dt, horizon.smoothing)
+    return Command(sent.force, sent.offset_rate, wanted, twist, progress.resting, formation)
 
 
 def _scheduled(progress: Progress, path: Path, situation: Situation, shapes: Shapes, config: PlannerConfig) -> Progress:
