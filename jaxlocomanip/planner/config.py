@@ -181,7 +181,7 @@ class SafetyFilter:
     """share of the friction seen on the way that it brakes with beyond that"""
     margin: Number = 0.03
     """m, free space kept by the true shapes while braking"""
-    team_margin: Number = 0.06
+    team_margin: Number = 0.03
     """m between robots, to which they slide together at most; legs sway by some centimetres"""
     lag: Number = 0.06
     """s, after which a withdrawn push has faded"""
