@@ -24,6 +24,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.closed_loop import Result, compiled, episode, load_world
+from jaxlocomanip.loop import suited
 from jaxlocomanip.outcome import Outcome
 from jaxlocomanip.padding import Padding, stack_on_host
 from jaxlocomanip.planner.config import PlannerConfig
@@ -130,7 +131,7 @@ class Runner:
             raise InputError(f"duration = {float(np.max(batch.duration)):g} s: must be <= {shape.duration:g} s")
         spread = NamedSharding(self._mesh, PartitionSpec(AXIS))
         batch, world = jax.device_put((batch, world), spread)
-        return (batch, config, jax.random.key(seed), world), ticks
+        return (batch, suited(config, self._world), jax.random.key(seed), world), ticks
 
     def _compiled(self, arguments: tuple[Any, ...], ticks: int) -> Compiled:
         leaves, structure = jax.tree.flatten(arguments)

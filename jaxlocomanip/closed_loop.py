@@ -74,10 +74,10 @@ def compiled(
     record: bool = True,
 ) -> Any:
     """`simulate` with its compilation done: a function seed -> Result. The compilation is shared by equal shapes."""
-    settings = PlannerConfig() if config is None else config
     batched = np.ndim(scenarios.duration) == 1
     chosen = load_world(world, backend, batched) if isinstance(world, str) else world
     behind = chosen.prepare(scenarios)
+    settings = closing.suited(PlannerConfig() if config is None else config, behind)
     ticks = math.ceil(float(np.max(np.asarray(scenarios.duration))) / settings.horizon.tick - 1e-6)
     if not behind.traceable:
         return compiled_on_host(scenarios, settings, behind, ticks, record)

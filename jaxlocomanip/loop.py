@@ -20,7 +20,7 @@ from jaxlocomanip.planner.shapes import shapes_of
 from jaxlocomanip.planner.state import Command, Measurement, PlannerState, Task
 from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.solver.sqp import Status
-from jaxlocomanip.worlds.interface import Push, View
+from jaxlocomanip.worlds.interface import Push, View, World
 
 MAX_DELAY_TICKS = 6
 """longest command delay that the loop can represent, in ticks"""
@@ -91,6 +91,12 @@ class Decision:
 def task_of(scenario: Scenario) -> Task:
     """What the planner is told of a scenario."""
     return Task(shapes_of(scenario), scenario.formations, scenario.object, scenario.goal)
+
+
+def suited(config: PlannerConfig, world: World) -> PlannerConfig:
+    """Settings of the planner in a world: robots that sway need so much more room between them."""
+    safety = dataclasses.replace(config.safety, team_margin=config.safety.team_margin + world.sway)
+    return dataclasses.replace(config, safety=safety)
 
 
 def begin(scenario: Scenario, config: PlannerConfig, key: Array, view: View) -> Loop:

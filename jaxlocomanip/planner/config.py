@@ -182,7 +182,7 @@ class SafetyFilter:
     margin: Number = 0.03
     """m, free space kept by the true shapes while braking"""
     team_margin: Number = 0.03
-    """m between robots, to which they slide together at most; legs sway by some centimetres"""
+    """m between robots, to which they slide together at most; where they sway, that much more (`World.sway`)"""
     lag: Number = 0.06
     """s, after which a withdrawn push has faded"""
     look_ahead: Number = 2.5

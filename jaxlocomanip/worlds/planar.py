@@ -44,6 +44,7 @@ class PlanarWorld:
     """Implements `worlds.interface.World`."""
 
     traceable: ClassVar[bool] = True
+    sway: ClassVar[float] = 0.0
     substeps: int = static(4)
     """physics steps a tick"""
     force_lag: float = 0.05

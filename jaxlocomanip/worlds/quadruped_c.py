@@ -12,7 +12,7 @@ from jaxlocomanip.numerics import Floats
 from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.worlds.interface import Push, View
 from jaxlocomanip.worlds.physics_c import CPhysics
-from jaxlocomanip.worlds.quadruped_team import QuadrupedState, Robots, begin, drive, load_robots, rates, view_of
+from jaxlocomanip.worlds.quadruped_team import SWAY, QuadrupedState, Robots, begin, drive, load_robots, rates, view_of
 from jaxlocomanip.worlds.scene import TIMESTEP, build_scene
 
 
@@ -20,6 +20,7 @@ class CWorld:
     """Implements `worlds.interface.World` outside of compiled programs, for one scenario."""
 
     traceable: ClassVar[bool] = False
+    sway: ClassVar[float] = SWAY
 
     def __init__(self, timestep: float = TIMESTEP, mjcfs: tuple[str, ...] | None = None) -> None:
         self.timestep, self.mjcfs = timestep, mjcfs

@@ -14,7 +14,7 @@ from jaxlocomanip.numerics import Floats, pytree, static
 from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.worlds import physics_mjx
 from jaxlocomanip.worlds.interface import Push, View
-from jaxlocomanip.worlds.quadruped_team import QuadrupedState, Robots, begin, drive, load_robots, rates, view_of
+from jaxlocomanip.worlds.quadruped_team import SWAY, QuadrupedState, Robots, begin, drive, load_robots, rates, view_of
 from jaxlocomanip.worlds.scene import TIMESTEP, Scene, build_scene
 
 
@@ -23,6 +23,7 @@ class MjxWorld:
     """Implements `worlds.interface.World` inside compiled programs."""
 
     traceable: ClassVar[bool] = True
+    sway: ClassVar[float] = SWAY
     physics: Any = None
     robots: Robots | None = None
     timestep: float = static(TIMESTEP)

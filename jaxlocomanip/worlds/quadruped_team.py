@@ -37,6 +37,8 @@ PLANNING = 0.02
 """s, about the time between two solutions of a robot's force MPC"""
 LEAD = 0.03
 """m, of a robot's integrated reference before itself; more of it goes on pressing after the planner has let go"""
+SWAY = 0.03
+"""m, by which a robot sways about its contact offset, strides and yaw together"""
 FALLEN_HEIGHT = 0.6
 """of the standing height; a trunk below it has fallen"""
 FALLEN_TILT = 0.5

@@ -11,10 +11,12 @@ import pytest
 
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.closed_loop import compiled, load_world, simulate
+from jaxlocomanip.loop import suited
 from jaxlocomanip.padding import stack
 from jaxlocomanip.planner.config import Horizon, PlannerConfig
 from jaxlocomanip.worlds import quadruped
 from jaxlocomanip.worlds.legged import read_robot, robot_path
+from jaxlocomanip.worlds.quadruped_team import SWAY
 from jaxlocomanip.worlds.scene import STANDOFF
 
 CONFIG = PlannerConfig(horizon=Horizon(steps=10))
@@ -40,6 +42,13 @@ def test_robots_start_a_short_way_off_their_faces(scenario):
     np.testing.assert_allclose(away[:, 2], 0.0, atol=1e-5)
     np.testing.assert_allclose(view.offset, scenario.team.offset, atol=1e-5)
     assert not np.asarray(view.contact).any() and not np.asarray(view.fallen).any()
+
+
+def test_the_planner_keeps_robots_that_sway_farther_apart(scenario):
+    world = load_world("quadruped", "c", batched=False)
+    margin = CONFIG.safety.team_margin
+    assert suited(CONFIG, world).safety.team_margin == pytest.approx(margin + SWAY)
+    assert suited(CONFIG, load_world("planar", None, batched=False)).safety.team_margin == pytest.approx(margin)
 
 
 def test_the_team_walks_up_touches_and_pushes(scenario, result):
