@@ -179,7 +179,8 @@ def _filter(
     proven = safety.least_friction(body, config)
     shapes, offset, none = task.shapes, measured.offset, jnp.zeros(())
     gaps = keeping.gaps_of(estimate, offset, obstacles, shapes, config)
-    seen = Situation(estimate, body, obstacles, offset, gaps, gaps, acting, proven, watched.waiting, none, none > 0.0)
+    now = watched.waiting, none, none > 0.0
+    seen = Situation(estimate, body, obstacles, offset, gaps, gaps, gaps, acting, proven, *now)
     return safety.safety_filter(force, rate, shapes.team.force_max, seen, shapes, config)
 
 

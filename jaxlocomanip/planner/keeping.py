@@ -42,6 +42,12 @@ def start(gaps: Array) -> Kept:
     return Kept(gaps - _DOUBT, gaps - _DOUBT)
 
 
+def regrouped(before: Kept, gaps: Array) -> Kept:
+    """When robots have gone to other places: theirs begin anew, the object has not moved."""
+    fresh = start(gaps)
+    return Kept(fresh.mean.at[0].set(before.mean[0]), fresh.best.at[0].set(before.best[0]))
+
+
 def watch(before: Kept, gaps: Array, tick: Floats) -> Kept:
     """One tick of `tick` s, with the gaps [1 + N_r, N_o] m as estimated."""
     mean = before.mean + tick / (tick + _MEAN) * (gaps - before.mean)
@@ -57,9 +63,13 @@ def room_to_keep(kept: Kept, gaps: Array, moves: Array, margin: Floats) -> Array
       moves: [N_o] bool, obstacles that move: these are always kept clear of.
       margin: m.
     """
+    return jnp.where(moves, margin, jnp.maximum(jnp.minimum(margin, gaps - ROUNDING), least_room(kept, moves, margin)))
+
+
+def least_room(kept: Kept, moves: Array, margin: Floats) -> Array:
+    """[1 + N_r, N_o] m, that is never used up; arguments as in `room_to_keep`."""
     best = jnp.minimum(margin, kept.best)
-    least = best - jnp.minimum(SLACK, 0.5 * jnp.maximum(best, 0.0))
-    return jnp.where(moves, margin, jnp.maximum(jnp.minimum(margin, gaps - ROUNDING), least))
+    return jnp.where(moves, margin, best - jnp.minimum(SLACK, 0.5 * jnp.maximum(best, 0.0)))
 
 
 def gaps_of(

@@ -12,9 +12,11 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxlocomanip.formation import PHASES, circle, count, team_in, walk_around
+from jaxlocomanip.numerics import Floats
 from jaxlocomanip.planar.geometry import polygon_distance, rectangle
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObstacleEstimate
+from jaxlocomanip.planner.keeping import ROUNDING
 from jaxlocomanip.planner.pose_grid import FAR, HEADINGS, TURN, Grid, shifted
 from jaxlocomanip.planner.shapes import ROBOT_DISCS, Shapes, rectangle_discs
 from jaxlocomanip.scenario import Formations
@@ -24,8 +26,8 @@ PRICE, AGAIN = 3.0, 1.0
 the team has made: lest it goes to and fro between two formations of which each promises more than it keeps"""
 ROOM = 0.1
 """m, beyond all margins, that a walk is planned with: the object comes to rest near the pose, not at it"""
-YIELD = 0.005
-"""m, that robots in a tight place may come closer when they leave it"""
+YIELD, CLOSEST = 0.005, 0.015
+"""m, that robots in a tight place may come closer when they leave it, and where that ends: each walk would take some"""
 SAMPLES = 16
 """instants of a walk at which its room is looked at"""
 POSITION_TOLERANCE, HEADING_TOLERANCE = 0.1, 0.25
@@ -113,19 +115,21 @@ def room_to_walk(
       shapes: geometry, and the team in its first formation.
       formations: the other ones.
       obstacles: as estimated; where they are and where they would be at constant velocity, with a berth that grows in
-        time.
+        time, the faster the less is known of their velocities.
       config: settings.
     """
     size = count(formations)
     leaves, reaches = (team_in(shapes.team, formations, k) for k in (now, wanted))
     walk = walk_around(shapes.object_vertices, leaves, offset, reaches, now, wanted, size)
+    # At first their velocities are not known at all; a walk in the first tick ended in somebody who came along.
+    unsure = jnp.sqrt(obstacles.covariance[:, 2])
 
     def at(phase: Array) -> Array:
         bodies = jax.vmap(rectangle)(walk.poses_in_world(pose, phase), leaves.half_length, leaves.half_width)
         time = jnp.sum(walk.durations * jnp.clip(phase - jnp.arange(PHASES), 0.0, 1.0))
         # One that goes away may come back: a walk cannot be broken off.
         places = jnp.stack([obstacles.position, obstacles.position + obstacles.velocity * time], axis=1)
-        berth = jnp.where(shapes.obstacle_dynamic, config.reference.caution * time, 0.0)
+        berth = jnp.where(shapes.obstacle_dynamic, (config.reference.caution + unsure) * time, 0.0)
 
         def from_obstacles(body: Array) -> Array:
             def from_one(places: Array, vertices: Array, radius: Array) -> Array:
@@ -137,4 +141,10 @@ def room_to_walk(
         return jnp.min(jax.vmap(from_obstacles)(bodies))
 
     rooms = jax.lax.map(at, jnp.linspace(0.0, float(PHASES), SAMPLES, dtype=pose.dtype))
-    return jnp.min(rooms) - jnp.minimum(config.safety.margin, rooms[0] - YIELD)
+    return jnp.min(rooms) - asked_of_a_walk(rooms[0], config.safety.margin)
+
+
+def asked_of_a_walk(room: Array, margin: Floats) -> Array:
+    """[] m, room that a walk has to keep if it begins with so much."""
+    tight = jnp.maximum(room - YIELD, jnp.minimum(room - ROUNDING, CLOSEST))
+    return jnp.minimum(margin, tight)

@@ -50,6 +50,21 @@ def test_once_it_has_left_it_keeps_the_margin():
     assert (np.diff(kept_after(leaving)[100:]) >= -1e-6).all()
 
 
+def test_a_turn_that_may_not_come_is_granted_the_centimetre_that_is_not_kept_for_good():
+    kept = Kept(*(jnp.array([[room]]) for room in (0.026, 0.5)))
+    keeps = keeping.room_to_keep(kept, kept.mean, STANDS, MARGIN)
+    least = keeping.least_room(kept, STANDS, MARGIN)
+    assert float(keeps[0, 0]) == pytest.approx(0.026, abs=1e-4)
+    assert float(least[0, 0]) == pytest.approx(MARGIN - keeping.SLACK)
+    assert float(keeping.least_room(kept, MOVES, MARGIN)[0, 0]) == pytest.approx(MARGIN)
+
+
+def test_what_was_room_for_the_object_is_remembered_when_robots_go_to_other_places():
+    before = Kept(jnp.array([[0.02], [0.02]]), jnp.array([[0.3], [0.3]]))
+    after = keeping.regrouped(before, jnp.array([[0.01], [0.25]]))
+    assert np.allclose(after.best, [[0.3], [0.25 - 0.02]]) and np.allclose(after.mean, [[0.02], [0.25 - 0.02]])
+
+
 def test_a_first_measurement_that_is_too_good_is_not_remembered():
     """One with two centimetres too much, of a body that has one."""
     gaps = np.full(400, 0.01)

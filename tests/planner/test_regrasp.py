@@ -18,6 +18,8 @@ from jaxlocomanip.specification import ObstacleSpec
 CONFIG = PlannerConfig()
 SPEC = dataclasses.replace(find_scenario("adaptive"), change_faces=True, obstacles=())
 AWAY = (40.0, 40.0)
+KNOWN = jnp.zeros((1, 3))
+"""covariance of an obstacle of which all is known"""
 
 
 def obstacle(place, size=(0.6, 0.6)):
@@ -48,9 +50,9 @@ def find(scenario, config, stuck):
 
 
 @jax.jit
-def room(scenario, pose, wanted):
+def room(scenario, pose, wanted, spread=KNOWN):
     seen = estimation.start_obstacles(scenario.obstacles.at(jnp.zeros(())), CONFIG.estimation)
-    seen = dataclasses.replace(seen, velocity=scenario.obstacles.velocity)
+    seen = dataclasses.replace(seen, velocity=scenario.obstacles.velocity, covariance=spread)
     none, shapes = jnp.zeros((), jnp.int32), shapes_of(scenario)
     offset = scenario.team.offset
     return regrasp.room_to_walk(pose, offset, none, wanted, shapes, scenario.formations, seen, CONFIG)
@@ -104,11 +106,31 @@ def test_an_obstacle_that_goes_away_may_come_back_during_a_walk():
     assert rooms[2] < rooms[0] - 0.1
 
 
+def test_nobody_walks_before_it_is_known_how_fast_obstacles_move():
+    scenario = scenario_to((4.0, 4.0, 0.0), places=((3.5, -0.9),))
+    moving = dataclasses.replace(scenario.obstacles, dynamic=jnp.ones(1, bool))
+    scenario = dataclasses.replace(scenario, obstacles=moving)
+    unknown = estimation.start_obstacles(moving.position, CONFIG.estimation).covariance
+    assert float(room(scenario, scenario.start, jnp.asarray(1))) > 0.0
+    assert float(room(scenario, scenario.start, jnp.asarray(1), unknown)) < 0.0
+
+
 def test_robots_in_a_tight_place_may_leave_it():
     """What there is at the beginning, less than the filter's margin, is enough on the way."""
     beside = (0.0 + 0.155 + 0.3 + 0.02, -0.6)
     scenario = scenario_to((4.0, 4.0, 0.0), places=(beside,))
     assert float(room(scenario, scenario.start, jnp.asarray(3))) > 0.0
+
+
+def test_walks_do_not_use_up_the_room_bit_by_bit():
+    """Half a centimetre each time, a team that walked to and fro touched what it stood beside."""
+    rooms = [0.04]
+    for _ in range(20):
+        given = jnp.array(rooms[-1])
+        rooms.append(float(regrasp.asked_of_a_walk(given, CONFIG.safety.margin)))
+    assert rooms[1] == pytest.approx(CONFIG.safety.margin)
+    assert min(rooms) >= regrasp.CLOSEST - 1e-3
+    assert float(regrasp.asked_of_a_walk(jnp.array(0.004), CONFIG.safety.margin)) == pytest.approx(0.004, abs=1e-4)
 
 
 def test_order_of_formations():

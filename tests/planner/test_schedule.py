@@ -56,6 +56,7 @@ def step(scenario, path, progress, time, noise):
         offset,
         gaps,
         gaps,
+        gaps,
         0.0 * offset,
         none,
         jnp.zeros((), bool),
