@@ -51,7 +51,7 @@ def filtered(scenario, state, force, rate, config=CONFIG, held=True, acting=None
     shapes = shapes_of(scenario)
     gaps = keeping.gaps_of(estimate, state.offset, seen, shapes, config)
     kept, moves, margin = keeping.start(gaps), shapes.obstacle_dynamic, config.safety.margin
-    keep, floor = keeping.room_to_keep(kept, gaps, moves, margin), keeping.least_room(kept, moves, margin)
+    keep, floor = keeping.room_to_keep(kept, gaps, moves, margin), keeping.least_room(kept, gaps, moves, margin)
     acting = jnp.zeros_like(force) if acting is None else acting
     situation = Situation(
         estimate, body, seen, state.offset, gaps, keep, floor, acting, proven, speed < 0.02, speed, jnp.asarray(held)
