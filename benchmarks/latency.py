@@ -180,7 +180,7 @@ def _filter(
     shapes, offset, none = task.shapes, measured.offset, jnp.zeros(())
     gaps = keeping.gaps_of(estimate, offset, obstacles, shapes, config)
     now = watched.waiting, none, none > 0.0
-    seen = Situation(estimate, body, obstacles, offset, gaps, gaps, gaps, acting, proven, *now)
+    seen = Situation(estimate, body, obstacles, offset, gaps, gaps, acting, proven, *now)
     return safety.safety_filter(force, rate, shapes.team.force_max, seen, shapes, config)
 
 

@@ -112,9 +112,7 @@ def braking_rooms(
     poses, offsets, times = (v.reshape(*v.shape[:-2], -1) for v in motion)
     obstacles = situation.obstacles
     places = obstacles.position[..., None] + times * obstacles.velocity[..., None]
-    # A turn that may not come may use up what is not kept for good: it is seen, and stopped, when it comes.
-    kept = jnp.where(lever == 0.0, situation.kept[..., None], situation.floor[..., None])
-    rooms = rooms_at(poses, offsets, places, bodies_of(shapes, config), jnp.tile(kept, motion[2].shape[0]))
+    rooms = rooms_at(poses, offsets, places, bodies_of(shapes, config), situation.kept[..., None])
     rooms = jax.tree.map(lambda room: room.reshape(motion[2].shape), rooms)
     # Until it is at rest the team answers for what it runs into: what moves may turn round in the meantime.
     swerve = 0.5 * config.safety.swerve * motion[2][:-WAITS] ** 2

@@ -63,20 +63,9 @@ def room_to_keep(kept: Kept, gaps: Array, moves: Array, margin: Floats) -> Array
       moves: [N_o] bool, obstacles that move: these are always kept clear of.
       margin: m.
     """
-    return jnp.where(moves, margin, jnp.maximum(jnp.minimum(margin, gaps - ROUNDING), _for_good(kept, margin)))
-
-
-def least_room(kept: Kept, gaps: Array, moves: Array, margin: Floats) -> Array:
-    """[1 + N_r, N_o] m, of it what not even a motion that may not come may use up; arguments as in `room_to_keep`.
-
-    What is kept for good, and half of what there is now.
-    """
-    return jnp.where(moves, margin, jnp.maximum(0.5 * jnp.minimum(margin, gaps), _for_good(kept, margin)))
-
-
-def _for_good(kept: Kept, margin: Floats) -> Array:
     best = jnp.minimum(margin, kept.best)
-    return best - jnp.minimum(SLACK, 0.5 * jnp.maximum(best, 0.0))
+    least = best - jnp.minimum(SLACK, 0.5 * jnp.maximum(best, 0.0))
+    return jnp.where(moves, margin, jnp.maximum(jnp.minimum(margin, gaps - ROUNDING), least))
 
 
 def gaps_of(

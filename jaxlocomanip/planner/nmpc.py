@@ -107,12 +107,11 @@ def tick(
     gaps = keeping.gaps_of(estimate, measured.offset, obstacles, shapes, config)
     kept = select(changed, keeping.regrouped(state.kept, gaps), keeping.watch(state.kept, gaps, horizon.tick))
     keep = keeping.room_to_keep(kept, gaps, shapes.obstacle_dynamic, config.safety.margin)
-    floor = keeping.least_room(kept, gaps, shapes.obstacle_dynamic, config.safety.margin)
     body, offset = parameters.body, measured.offset
     proven = safety.prove_friction(state.proven, estimate, force, offset, body, shapes, config)
     stirring = breakaway.speed(watched.mean, shapes)
     situation = Situation(
-        estimate, body, obstacles, offset, gaps, keep, floor, force, proven, watched.waiting, stirring, progress.held
+        estimate, body, obstacles, offset, gaps, keep, force, proven, watched.waiting, stirring, progress.held
     )
     progress = _scheduled(progress, state.path, situation, shapes, config)
     situation = dataclasses.replace(situation, held=progress.held)

@@ -23,8 +23,6 @@ class Situation:
     """[1 + N_r, N_o] m, from object and robots to the obstacles (`keeping.gaps_of`)"""
     kept: Array
     """[1 + N_r, N_o] m, of it what is to be kept (`keeping`)"""
-    floor: Array
-    """[1 + N_r, N_o] m, of it what is never used up (`keeping.least_room`)"""
     force: Array
     """[N_r] N, pushes believed to act now"""
     proven: Array

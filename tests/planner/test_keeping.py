@@ -50,17 +50,6 @@ def test_once_it_has_left_it_keeps_the_margin():
     assert (np.diff(kept_after(leaving)[100:]) >= -1e-6).all()
 
 
-def test_a_turn_that_may_not_come_is_granted_the_centimetre_that_is_not_kept_for_good():
-    kept = Kept(*(jnp.array([[room]]) for room in (0.026, 0.5)))
-    keeps = keeping.room_to_keep(kept, kept.mean, STANDS, MARGIN)
-    least = keeping.least_room(kept, kept.mean, STANDS, MARGIN)
-    assert float(keeps[0, 0]) == pytest.approx(0.026, abs=1e-4)
-    assert float(least[0, 0]) == pytest.approx(MARGIN - keeping.SLACK)
-    assert float(keeping.least_room(kept, kept.mean, MOVES, MARGIN)[0, 0]) == pytest.approx(MARGIN)
-    at_first = keeping.start(jnp.array([[0.004]]))
-    assert float(keeping.least_room(at_first, jnp.array([[0.004]]), STANDS, MARGIN)[0, 0]) == pytest.approx(0.002)
-
-
 def test_what_was_room_for_the_object_is_remembered_when_robots_go_to_other_places():
     before = Kept(jnp.array([[0.02], [0.02]]), jnp.array([[0.3], [0.3]]))
     after = keeping.regrouped(before, jnp.array([[0.01], [0.25]]))

@@ -50,11 +50,10 @@ def filtered(scenario, state, force, rate, config=CONFIG, held=True, acting=None
     speed = jnp.max(jnp.abs(state.twist))
     shapes = shapes_of(scenario)
     gaps = keeping.gaps_of(estimate, state.offset, seen, shapes, config)
-    kept, moves, margin = keeping.start(gaps), shapes.obstacle_dynamic, config.safety.margin
-    keep, floor = keeping.room_to_keep(kept, gaps, moves, margin), keeping.least_room(kept, gaps, moves, margin)
+    keep = keeping.room_to_keep(keeping.start(gaps), gaps, shapes.obstacle_dynamic, config.safety.margin)
     acting = jnp.zeros_like(force) if acting is None else acting
     situation = Situation(
-        estimate, body, seen, state.offset, gaps, keep, floor, acting, proven, speed < 0.02, speed, jnp.asarray(held)
+        estimate, body, seen, state.offset, gaps, keep, acting, proven, speed < 0.02, speed, jnp.asarray(held)
     )
     return safety.safety_filter(force, rate, most * jnp.ones_like(force), situation, shapes, config)
 

@@ -56,7 +56,6 @@ def step(scenario, path, progress, time, noise):
         offset,
         gaps,
         gaps,
-        gaps,
         0.0 * offset,
         none,
         jnp.zeros((), bool),
