@@ -205,12 +205,10 @@ def standoffs(scenario: Scenario, most: float) -> Floats:
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     rectangles = corners * np.stack([team.half_length, team.half_width], axis=-1)[:, None]
     tried = np.linspace(0.0, most, STEPS_BACK)
-    room = []
-    for distance in tried:
-        moved = poses + distance * np.pad(backward, ((0, 0), (0, 1)))
-        gaps = polygon_gap(placed(moved, rectangles)[:, None], shapes, np.asarray(obstacles.radius))
-        room.append(np.where(present, gaps, np.inf).min(axis=1))
-    enough = np.stack(room) >= np.minimum(room[0], ROOM_BEHIND)
+    moved = poses + tried[:, None, None] * np.pad(backward, ((0, 0), (0, 1)))
+    gaps = polygon_gap(placed(moved, rectangles)[:, :, None], shapes, np.asarray(obstacles.radius))
+    room = np.where(present, gaps, np.inf).min(axis=2)
+    enough = room >= np.minimum(room[0], ROOM_BEHIND)
     # The first step that lacks room ends the way back, whatever is behind it.
     return tried[np.cumprod(enough, axis=0, dtype=int).sum(axis=0) - 1]
 

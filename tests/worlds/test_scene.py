@@ -133,7 +133,7 @@ def test_robots_stand_before_their_faces(make_scenario, standoff):
 
 
 def test_a_robot_with_an_obstacle_behind_it_starts_nearer_to_its_face(make_scenario):
-    """As far back as leaves 5 cm of room, and no farther than the other robot needs not to care."""
+    """As far back as leaves 5 cm of room; the other robot starts as usual."""
     scenario = make_scenario()
     rear = np.asarray(scenario.team.robot_poses(scenario.start, scenario.team.offset))[0]
     ahead = np.array([np.cos(rear[2]), np.sin(rear[2])])
