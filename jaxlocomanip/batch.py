@@ -22,6 +22,7 @@ import numpy as np
 from jax import Array
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from jaxlocomanip import checked
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.closed_loop import Result, compiled, episode, load_world
 from jaxlocomanip.loop import suited
@@ -211,9 +212,10 @@ def run(
     """
     if not scenarios:
         raise InputError("scenarios: at least one is needed")
+    checked.seed("seed", seed)
     runner = Runner(world, backend, devices)
     shape = Shape(
-        lanes=min(chunk, len(scenarios)),
+        lanes=min(checked.whole("chunk", chunk, 1, 10**7), len(scenarios)),
         duration=max(float(s.duration) for s in scenarios),
         padding=Padding.of(scenarios),
     )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import math
+import numbers
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -14,8 +16,15 @@ class InputError(ValueError):
 
 LARGEST = 1e9
 """Numbers beyond this are refused: single precision could not compute with them."""
+SEED_LIMIT = 2**32 - 1
+"""largest seed"""
 SMALLEST = 1e-6
 """Positive quantities below this are refused likewise."""
+
+
+def installing(extra: str) -> str:
+    """How to get an extra of this package, for the end of a refusal."""
+    return f'pip install ".[{extra}]" in your copy of the repository'
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
@@ -29,6 +38,11 @@ def one_of(field: str, value: Any, allowed: Sequence[str]) -> str:
     if value not in allowed:
         raise InputError(f"{field} = {value!r}: must be one of {', '.join(allowed)}{nearest(str(value), allowed)}")
     return str(value)
+
+
+def field_names(spec: Any) -> list[str]:
+    """Names of the fields of a dataclass."""
+    return [field.name for field in dataclasses.fields(spec)]
 
 
 def known_keys(where: str, table: Any, allowed: Iterable[str], required: Iterable[str] = ()) -> Mapping[str, Any]:
@@ -75,6 +89,18 @@ def _shown(value: int | float) -> str:
     return repr(value)
 
 
+def whole(field: str, value: Any, low: int, high: int) -> int:
+    """`value` as an int if it is a whole number in [low, high]."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not low <= int(value) <= high:
+        raise InputError(f"{field} = {value!r}: must be a whole number >= {low} and <= {high}")
+    return int(value)
+
+
+def seed(field: str, value: Any) -> int:
+    """`value` if it is a whole number that JAX's 32-bit random keys tell from every other."""
+    return whole(field, value, 0, SEED_LIMIT)
+
+
 def flag(field: str, value: Any) -> bool:
     """`value` if it is true or false."""
     if not isinstance(value, bool):
@@ -91,19 +117,29 @@ def name(field: str, value: Any) -> str:
     return value
 
 
-def vector(field: str, value: Any, length: int) -> tuple[float, ...]:
-    """`value` as a tuple of `length` finite floats."""
+def positive(field: str, value: Any) -> float:
+    """`value` as a finite float > 0."""
+    return number(field, value, 0.0, strictly=True)
+
+
+def vector(field: str, value: Any, length: int, largest: float = math.inf) -> tuple[float, ...]:
+    """`value` as a tuple of `length` finite floats, at most `largest` in size."""
     if not isinstance(value, list | tuple) or len(value) != length:
         raise InputError(f"{field} = {value!r}: must be {length} numbers")
-    return tuple(number(f"{field}[{i}]", v) for i, v in enumerate(value))
+    return tuple(number(f"{field}[{i}]", v, -largest, largest) for i, v in enumerate(value))
 
 
-def points(field: str, value: Any, at_least: int) -> tuple[tuple[float, float], ...]:
-    """`value` as a tuple of at least `at_least` points (x, y)."""
+def pair(field: str, value: Any, largest: float = math.inf) -> tuple[float, float]:
+    """`value` as two finite floats, at most `largest` in size."""
+    x, y = vector(field, value, 2, largest)
+    return x, y
+
+
+def points(field: str, value: Any, at_least: int, largest: float = math.inf) -> tuple[tuple[float, float], ...]:
+    """`value` as a tuple of at least `at_least` points (x, y), no coordinate larger than `largest` in size."""
     if not isinstance(value, list | tuple) or len(value) < at_least:
         raise InputError(f"{field} = {value!r}: must be a list of at least {at_least} points [x, y]")
-    pairs = (vector(f"{field}[{i}]", point, 2) for i, point in enumerate(value))
-    return tuple((x, y) for x, y in pairs)
+    return tuple(pair(f"{field}[{i}]", point, largest) for i, point in enumerate(value))
 
 
 def convex_polygon(field: str, value: Any) -> tuple[tuple[float, float], ...]:

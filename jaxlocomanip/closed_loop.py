@@ -1,7 +1,7 @@
 """The closed loop of planner and world: whole episodes, for one scenario or a batch.
 
     result = simulate(scenario)                  # one Scenario, or a batch with a leading axis: the same function
-    result.outcome.reached, result.log.pose      # arrays, with the batch axis first if there is one
+    result.outcome.reached, result.log.view.pose # arrays, with the batch axis first if there is one
 
 The planner ticks at its own rate, searches its path at a slower one, and the world takes its own steps in between.
 A lane whose state becomes non-finite, whose robot falls or whose duration has passed is frozen and never harms its
@@ -20,7 +20,7 @@ import numpy as np
 from jax import Array
 
 from jaxlocomanip import loop as closing
-from jaxlocomanip.checked import InputError, one_of
+from jaxlocomanip.checked import InputError, installing, one_of
 from jaxlocomanip.hosted import compiled_on_host
 from jaxlocomanip.loop import Log, Loop, Result
 from jaxlocomanip.numerics import select
@@ -110,9 +110,7 @@ def load_world(name: str, backend: str | None, batched: bool) -> World:
 
         return quadruped.world(backend or ("mjx" if batched else "c"))
     except ModuleNotFoundError as missing:
-        raise InputError(
-            f"world = 'quadruped': needs the sim extra ({missing}): pip install \"jaxlocomanip[sim]\""
-        ) from None
+        raise InputError(f"world = 'quadruped': needs the sim extra ({missing}): {installing('sim')}") from None
 
 
 @partial(jax.jit, static_argnames=("ticks", "record"))

@@ -22,7 +22,7 @@ from typing import Any, TypeVar, get_type_hints
 from jaxlocomanip import checked
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.packaged import is_name
-from jaxlocomanip.planner.config import PlannerConfig
+from jaxlocomanip.planner.config import Barrier, PlannerConfig
 from jaxlocomanip.planner.presets import PRESETS, preset
 from jaxlocomanip.specification import read_toml
 
@@ -44,8 +44,10 @@ RANGES: Mapping[str, tuple[float, float]] = MappingProxyType(
         "Constraints.clf_normalised": _SWITCH,
         "Reference.speed": (1e-3, 10.0),
         "Reference.turn_rate": (1e-3, 10.0),
+        "Reference.walk_fraction": (1e-3, 1.0),
         "Reference.lead": (1e-3, _LARGE),
         "Reference.settle": (1e-3, _LARGE),
+        "Reference.clearance": (0.1, _LARGE),
         "Reference.plan_path": _SWITCH,
         "Reference.replan": (1e-3, 3600.0),
         "Adaptation.on_prediction": _SWITCH,
@@ -100,11 +102,7 @@ def config_from_table(table: Mapping[str, Any], source: str = "config") -> Plann
     try:
         base = preset(checked.one_of("preset", table.get("preset", "robust"), list(PRESETS)))
         settings = {key: value for key, value in table.items() if key != "preset"}
-        config = _filled(base, settings, "")
-        arrive, leave = config.reference.arrive, config.reference.leave
-        if arrive > leave:
-            raise InputError(f"reference.arrive = {arrive:g}: must be <= reference.leave = {leave:g}")
-        return config
+        return _consistent(_filled(base, settings, ""))
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
 
@@ -149,6 +147,19 @@ def with_settings(config: PlannerConfig, settings: Mapping[str, Any]) -> Planner
         for part in reversed(name.split(".")):
             table = {part: table}
         config = _filled(config, table, "")
+    return _consistent(config)
+
+
+def _consistent(config: PlannerConfig) -> PlannerConfig:
+    """The configuration if its settings fit together."""
+    arrive, leave = config.reference.arrive, config.reference.leave
+    if arrive > leave:
+        raise InputError(f"reference.arrive = {arrive:g}: must be <= reference.leave = {leave:g}")
+    for name in _names(config.constraints):
+        barrier = getattr(config.constraints, name)
+        if isinstance(barrier, Barrier) and not barrier.reach > barrier.switch:
+            where, switch = f"constraints.{name}", f"{barrier.switch:g}"
+            raise InputError(f"{where}.reach = {barrier.reach:g}: must be > {where}.switch = {switch}")
     return config
 
 
@@ -171,24 +182,12 @@ def _filled(node: T, table: Any, where: str) -> T:
             numbers = checked.vector(field, given, len(present))
             values[name] = tuple(checked.number(f"{field}[{i}]", v, low, high) for i, v in enumerate(numbers))
         elif hints[name] is bool:
-            values[name] = _boolean(field, given)
+            values[name] = checked.flag(field, given)
         elif hints[name] is int:
-            values[name] = _integer(field, given, int(low), int(high))
+            values[name] = checked.whole(field, given, int(low), int(high))
         else:
             values[name] = checked.number(field, given, low, high)
     return dataclasses.replace(node, **values)  # type: ignore[type-var]
-
-
-def _integer(field: str, value: Any, low: int, high: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise InputError(f"{field} = {value!r}: must be a whole number >= {low} and <= {high}")
-    return value
-
-
-def _boolean(field: str, value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise InputError(f"{field} = {value!r}: must be true or false")
-    return value
 
 
 def _write(lines: list[str], node: Any, where: str) -> None:

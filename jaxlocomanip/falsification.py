@@ -6,11 +6,11 @@
 Random scenarios of a study are varied at random within `variation.Bounds`. Obstacles are put where the object would be
 if it went straight to its goal (`aiming`), and the scenarios that promise most are simulated in batches. Then obstacles
 are put where the object went, first in the scenarios that promise most. The worst of all are improved side
-by side: the gradient of the closest approach (`approach`) gives each of them a direction, and steps of several lengths
-along it are simulated; the best one is kept. Pushing is unstable, and much of what happens after any change is chance:
-every try also moves all coordinates a little at random. A scenario that no planner could solve
-(`sampling.feasibility`) is never tried. Every clearance that is reported is that of an episode as `simulate` runs it,
-never the soft one.
+by side: the gradient of the closest approach (`approach`) gives each of them a direction, one step along it is
+simulated (or one for each of several lengths, `Search.steps`), and kept if it is better. Pushing is unstable, and much
+of what happens after any change is chance: every try also moves all coordinates a little at random. A scenario that no
+planner could solve (`sampling.feasibility`) is never tried. Every clearance that is reported is that of an episode as
+`simulate` runs it, never the soft one.
 
 The cost is counted in episodes, a gradient at `Search.gradient_cost` of them, so that `sample_worst`, random sampling
 within the same bounds, can be given the same budget.
@@ -87,10 +87,13 @@ class Falsified:
     episodes: int
     """that it cost"""
     collisions: int
-    """of `worst`, those that collided and were not merely run over"""
+    """scenarios that collided and were not merely run over"""
+    counted: int
+    """of so many: of all random scenarios, but of `worst` alone after a search, which forgets the others"""
 
 
 Say = Callable[[str], None]
+Keep = Callable[[Falsified], None]
 
 
 def falsify(
@@ -100,6 +103,7 @@ def falsify(
     search: Search | None = None,
     bounds: Bounds | None = None,
     say: Say = lambda text: None,
+    kept: Keep = lambda found: None,
 ) -> Falsified:
     """Search for the scenarios that the planner comes closest to an obstacle in.
 
@@ -110,6 +114,7 @@ def falsify(
       search: how long.
       bounds: how far scenarios may be varied.
       say: told of the progress, line by line.
+      kept: given what has been found so far after every stage, so that a search that is stopped was not for nothing.
 
     Returns:
       At most `search.lanes` scenarios.
@@ -131,16 +136,19 @@ def falsify(
     begun = trial.run(_promising(drawn, plan.screened, plan.spread, float(config.reference.speed), box, rng))
     lanes = [_Lane(place, found) for place, found in begun]
     say(f"{plan.screened} of {plan.drawn} random scenarios: least clearance {min(map(_clearance, lanes)):.3f} m")
+    kept(_so_far(lanes, plan, 0, 0))
     for number, count in enumerate(plan.aimed):
         rng = np.random.default_rng([seed, number])
         lanes = _aimed(trial, lanes, count, plan.spread, box, rng)
         say(f"{count} with an obstacle in the way: {min(map(_clearance, lanes)):.3f} m")
+        kept(_so_far(lanes, plan, number + 1, 0))
     lanes = sorted(lanes, key=_clearance)[: plan.lanes]
     for number in range(plan.rounds):
         rng = np.random.default_rng([seed, len(plan.aimed) + number])
         lanes = _improved(trial, lanes, plan, box, rng)
         say(f"gradients of {len(lanes)}: {min(map(_clearance, lanes)):.3f} m")
-    return _falsified([lane.found for lane in lanes], plan.episodes)
+        kept(_so_far(lanes, plan, len(plan.aimed), number + 1))
+    return _so_far(lanes, plan, len(plan.aimed), plan.rounds)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,6 +163,13 @@ class _Lane:
 
 def _clearance(lane: _Lane) -> float:
     return lane.found.clearance
+
+
+def _so_far(lanes: Sequence[_Lane], plan: Search, aimed: int, rounds: int) -> Falsified:
+    """What a search has found after so many rounds of aims and of gradients."""
+    done = dataclasses.replace(plan, aimed=plan.aimed[:aimed], rounds=rounds)
+    worst = tuple(sorted((lane.found for lane in lanes), key=lambda one: one.clearance)[: plan.lanes])
+    return Falsified(worst, done.episodes, _collisions(worst), len(worst))
 
 
 def _promising(
@@ -235,6 +250,7 @@ def sample_worst(
     seed: int = 0,
     keep: int = 16,
     bounds: Bounds | None = None,
+    kept: Keep = lambda found: None,
 ) -> Falsified:
     """The worst of random scenarios, the first that `falsify` of this seed draws.
 
@@ -245,16 +261,22 @@ def sample_worst(
       seed: of scenarios and noise.
       keep: how many to return.
       bounds: how far scenarios may be varied.
+      kept: given what has been found so far after every batch.
     """
     box = bounds or Bounds()
-    pairs = Trials(study, config, box, BATCH).run(list(_random_places(study, seed, episodes, box)))
-    found = sorted((found for _, found in pairs), key=lambda one: one.clearance)
-    return _falsified(found[:keep], episodes)
+    trial, places = Trials(study, config, box, BATCH), list(_random_places(study, seed, episodes, box))
+    every: list[Found] = []
+    found = Falsified((), 0, 0, 0)
+    for first in range(0, episodes, BATCH):
+        every += [one for _, one in trial.run(places[first : first + BATCH])]
+        worst = tuple(sorted(every, key=lambda one: one.clearance)[:keep])
+        found = Falsified(worst, len(every), _collisions(every), len(every))
+        kept(found)
+    return found
 
 
-def _falsified(found: Sequence[Found], episodes: int) -> Falsified:
-    worst = tuple(sorted(found, key=lambda one: one.clearance))
-    return Falsified(worst, episodes, sum(one.collided and not one.run_over for one in worst))
+def _collisions(found: Sequence[Found]) -> int:
+    return sum(one.collided and not one.run_over for one in found)
 
 
 def _random_places(study: Study, seed: int, count: int, bounds: Bounds) -> Iterator[Place]:

@@ -20,10 +20,8 @@ from jaxlocomanip.planner.shapes import shapes_of
 from jaxlocomanip.planner.state import Command, Measurement, PlannerState, Task
 from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.solver.sqp import Status
+from jaxlocomanip.specification import LONGEST_DELAY
 from jaxlocomanip.worlds.interface import Push, View, World
-
-MAX_DELAY_TICKS = 6
-"""longest command delay that the loop can represent, in ticks"""
 
 
 @pytree
@@ -67,7 +65,7 @@ class Loop:
 
     planner: PlannerState
     commands: Command
-    """the last MAX_DELAY_TICKS + 1 commands, newest first"""
+    """the last commands, newest first, as many as the longest delay asks for"""
     tally: Tally
     least: Clearances
     """clearances now"""
@@ -101,9 +99,11 @@ def suited(config: PlannerConfig, world: World) -> PlannerConfig:
 
 def begin(scenario: Scenario, config: PlannerConfig, key: Array, view: View) -> Loop:
     """The loop before the first tick, the world in its first state."""
-    measured = measure(view, scenario, key, jnp.zeros((), jnp.int32), config)
+    # A look at the scene one tick ahead of the first: filters take what they see next for another, later look.
+    measured = measure(view, scenario, key, jnp.full((), -1, jnp.int32), config)
     planner = state.start(task_of(scenario), measured, config)
-    history = jax.tree.map(lambda leaf: jnp.stack([leaf] * (MAX_DELAY_TICKS + 1)), planner.command)
+    kept = round(LONGEST_DELAY / config.horizon.tick) + 1
+    history = jax.tree.map(lambda leaf: jnp.stack([leaf] * kept), planner.command)
     least = clearances(scenario, view, scenario.obstacles.at(jnp.zeros(())))
     return Loop(planner, history, start_tally(scenario), least, jnp.zeros((), jnp.int32), jnp.ones((), bool))
 
@@ -136,7 +136,7 @@ def decide(loop: Loop, view: View, scenario: Scenario, config: PlannerConfig, ke
     planner, command, report = nmpc.tick(loop.planner, measured, task_of(scenario), config)
     commands = jax.tree.map(lambda new, old: jnp.concatenate([new[None], old[:-1]]), command, loop.commands)
     delay = jnp.rint(scenario.sensing.command_delay / config.horizon.tick)
-    acting = jax.tree.map(lambda leaf: leaf[jnp.clip(delay, 0, MAX_DELAY_TICKS).astype(jnp.int32)], commands)
+    acting = jax.tree.map(lambda leaf: leaf[delay.astype(jnp.int32)], commands)
     push = Push(acting.force, acting.offset_rate, acting.twist, acting.resting, acting.formation)
     if not record:
         return Decision(planner, commands, push, None)

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.custom_derivatives import SymbolicZero
 from jax.experimental.xla_metadata import set_xla_metadata
 
 P = ParamSpec("P")
@@ -118,6 +119,45 @@ def _sine_and_cosine_jvp(
     sine, cosine = sine_and_cosine(*primals)
     (change,) = tangents
     return (sine, cosine), (cosine * change, -sine * change)
+
+
+@jax.custom_jvp
+def quotient(x: Array, y: Array) -> Array:
+    """x / y, whose derivatives of every order share one more division, the reciprocal of y.
+
+    XLA on a CPU keeps the result of each division as an array of its own, and JAX's rule divides anew in every
+    derivative.
+    """
+    return x / y
+
+
+def _quotient_jvp(primals: tuple[Array, Array], tangents: tuple[Any, Any]) -> tuple[Array, Any]:
+    (x, y), (dx, dy) = primals, tangents
+    value = quotient(x, y)
+    by_x = quotient(jnp.ones_like(y), y)
+    parts = [] if _is_zero(dx) else [by_x * dx]
+    if not _is_zero(dy):
+        parts.append(-(value * by_x) * dy)
+    return value, sum(parts[1:], parts[0])
+
+
+quotient.defjvp(_quotient_jvp, symbolic_zeros=True)
+
+
+def _is_zero(tangent: Any) -> bool:
+    return isinstance(tangent, SymbolicZero)
+
+
+@jax.custom_jvp
+def logarithm(x: Array) -> Array:
+    """Natural logarithm, whose derivatives share the reciprocal of `quotient`."""
+    return jnp.log(x)
+
+
+@logarithm.defjvp
+def _logarithm_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    (x,), (change,) = primals, tangents
+    return jnp.log(x), quotient(jnp.ones_like(x), x) * change
 
 
 def smooth_positive(x: Array, width: Floats) -> Array:

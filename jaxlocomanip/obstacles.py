@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxlocomanip.numerics import host_array
+from jaxlocomanip.obstacle_spec import ObstacleSpec
 from jaxlocomanip.padding import pad_obstacles
 from jaxlocomanip.scenario import Obstacles
-from jaxlocomanip.specification import ObstacleSpec
 
 Floats = NDArray[np.floating[Any]]
 

@@ -6,7 +6,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from jaxlocomanip.specification import MotionSpec, ObjectSpec, ObstacleSpec, ScenarioSpec
+from jaxlocomanip.obstacle_spec import MotionSpec, ObstacleSpec
+from jaxlocomanip.specification import ObjectSpec, ScenarioSpec
 
 
 def scenario_to_toml(spec: ScenarioSpec) -> str:

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxlocomanip import checked
-from jaxlocomanip.checked import InputError
+from jaxlocomanip.checked import InputError, installing
 from jaxlocomanip.config_file import config_to_toml
 from jaxlocomanip.files import write_whole
 from jaxlocomanip.knobs import SPAN, as_numbers, knobs_of, turned
@@ -177,7 +177,7 @@ class _Gradient:
         try:
             import optax
         except ImportError as error:
-            raise InputError("method = 'gradient': needs the tune extra: pip install \"jaxlocomanip[tune]\"") from error
+            raise InputError(f"method = 'gradient': needs the tune extra: {installing('tune')}") from error
         self._measure = measure
         self._optimiser = optax.adam(plan.rate)
         self._update = jax.jit(self._optimiser.update)

@@ -20,9 +20,10 @@ import numpy as np
 from jax import Array
 
 from jaxlocomanip.numerics import pytree
+from jaxlocomanip.obstacle_spec import MotionSpec, ObstacleSpec, Point
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
 from jaxlocomanip.scenario import Scenario
-from jaxlocomanip.specification import MotionSpec, ObstacleSpec, Point, ScenarioSpec
+from jaxlocomanip.specification import ScenarioSpec
 
 BODY = 4
 """coordinates of the object"""

@@ -1,4 +1,4 @@
-"""The team pushes on among walking people."""
+"""The team pushes on among walking people, and without protection walks into them."""
 
 import sys
 
@@ -6,6 +6,7 @@ from jaxlocomanip.cli import experiment
 
 RUNS = {
     "people": ["people"],
+    "without_protection": ["people", "--without", "robot-cbf", "--without", "object-cbf"],
 }
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Success by layout, from an empty floor to a pocket on the straight line."""
+"""Success by layout, from an empty floor to a pocket and a crowd."""
 
 import sys
 

@@ -152,3 +152,16 @@ def test_robots_stand_where_the_arrays_say():
     team, pose = build(spec).team, jnp.array([1.0, 2.0, 0.5])
     expected = rectangle(team.robot_poses(pose, team.offset)[0], team.half_length[0], team.half_width[0])
     assert robot_rectangles(spec, pose, [0.1])[0] == pytest.approx(np.asarray(expected), abs=1e-12)
+
+
+def test_robots_across_a_short_edge_may_not_overlap():
+    half, cut = 0.25, 0.02
+    low, high = half - cut, half
+    chamfered = [
+        [-low, -high], [low, -high], [high, -low], [high, low], [low, high], [-low, high], [-high, low], [-high, -low],
+    ]  # fmt: skip
+    robots = [{"type": "a1", "face": 0, "offset": -0.15}, {"type": "a1", "face": 2, "offset": 0.15}]
+    body = {"footprint": chamfered, "mass": 6.0}
+    with pytest.raises(InputError, match=r"robots\[0\] and robots\[1\]: overlap by 0\.0[0-9]+ m"):
+        made(object=body, robots=robots)
+    made(object=body, robots=[one | {"offset": 0.0} for one in robots])

@@ -120,6 +120,8 @@ def test_bad_scenarios_are_refused_in_one_line(capsys, place, old, new, expected
         ("sweep standard --out x --workers ray:0", "workers = 'ray:0': must be ray, or ray:N"),
         ("sweep standard --out file", "file: cannot be used as output directory \\(it is a file\\)"),
         ("report x", "x/manifest.json: cannot be read .*; is x the --out of a sweep\\?"),
+        ("falsify standard --out x --lanes 20", "argument --lanes: 20 must not exceed --screened, which is 16"),
+        ("falsify standard --out x --screened 7", "argument --aimed: 8 must not exceed --screened, which is 7"),
         ("report x --worst 0", "argument --worst: '0' must be a whole number from 1"),
         ("", "the following arguments are required: COMMAND"),
     ],
@@ -150,7 +152,10 @@ def no_viewers(monkeypatch):
 
 @pytest.mark.usefixtures("no_compilation", "no_viewers")
 def test_recording_needs_the_view_extra(capsys):
-    assert refusal(capsys, "simulate", "adaptive").startswith("recording needs the view extra: pip install")
+    for command, hint in (("simulate adaptive", ", or pass --no-record"), ("falsify standard --out x --record 1", "")):
+        text = refusal(capsys, *command.split())
+        assert text.startswith('recording needs the view extra: pip install ".[view]" in ')
+        assert text.endswith(f"repository{hint}")
 
 
 def made_up_outcome(**changes):

@@ -128,12 +128,12 @@ def test_command_delay_shifts_the_reaction(batch, double):
     with double():
         one = [lane(made, 1)] * 3
         late = stack(one)
-        sensing = dataclasses.replace(late.sensing, command_delay=jnp.array([0.0, 0.04, 0.12]))
+        sensing = dataclasses.replace(late.sensing, command_delay=jnp.array([0.0, 0.04, 0.1]))
         log = simulate(dataclasses.replace(late, sensing=sensing), CONFIG).log
     command, force = np.asarray(log.command.force), np.asarray(log.view.force)
     assert command[0, 0].max() > 0.0
     assert (command[:, 0] == command[0, 0]).all()  # nothing has happened yet
-    for k, ticks in enumerate((0, 2, 6)):
+    for k, ticks in enumerate((0, 2, 5)):
         assert (force[k, : ticks + 1] == 0.0).all()
         assert np.allclose(force[k, ticks + 1], force[0, 1], rtol=1e-12)
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 import tomllib
 from typing import get_type_hints
 
@@ -60,7 +61,7 @@ def test_the_round_trip_shares_the_compilation(name):
 
 def test_awkward_numbers_survive_the_round_trip():
     config = PlannerConfig()
-    reference = dataclasses.replace(config.reference, speed=0.1 + 0.2, lead=1e6 / 3, clearance=1e-7 / 3)
+    reference = dataclasses.replace(config.reference, speed=0.1 + 0.2, lead=1e6 / 3, settle=1e-2 / 3)
     config = dataclasses.replace(config, reference=reference)
     assert config_from_table(tomllib.loads(config_to_toml(config))) == config
 
@@ -162,3 +163,24 @@ def test_single_settings_are_replaced_by_their_names():
     for name, value in {"sped": 1.0, "reference.sped": 1.0, "reference": 1.0, "horizon.rest_skips": 1}.items():
         with pytest.raises(InputError):
             with_settings(config, {name: value})
+
+
+@pytest.mark.parametrize(
+    ("group", "name", "value", "limit"),
+    [
+        ("reference", "clearance", 0.0, "reference.clearance = 0.0: must be >= 0.1"),
+        ("reference", "walk_fraction", 0.0, "reference.walk_fraction = 0.0: must be >= 0.001"),
+        ("reference", "arrive", 1.0, "reference.arrive = 1: must be <= reference.leave = 0.95"),
+        (
+            "constraints",
+            "force",
+            {"reach": 0.5},
+            "constraints.force.reach = 0.5: must be > constraints.force.switch = 1",
+        ),
+    ],
+)
+def test_settings_with_which_nothing_would_move_are_refused(group, name, value, limit):
+    with pytest.raises(InputError, match=re.escape(limit)):
+        config_from_table({group: {name: value}})
+    with pytest.raises(InputError, match=re.escape(limit)):
+        with_settings(PlannerConfig(), {f"{group}.{name}": value})

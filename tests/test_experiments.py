@@ -85,9 +85,12 @@ def test_without_the_robots_protection_a_robot_collides_and_the_object_does_not(
     assert outcome["min_object_clearance_m"] > 0.0
 
 
-def test_four_robots_turn_the_object_in_place():
-    outcome = simulate(build(library.load("four_robots")), record=False).outcome
+def test_four_robots_turn_the_object_by_a_right_angle_on_the_way():
+    scenario = build(library.load("four_robots"))
+    assert scenario.goal.pose[2] - scenario.start[2] == pytest.approx(0.5 * np.pi)
+    outcome = simulate(scenario, record=False).outcome
     assert outcome.reached
+    assert outcome.final_heading_error_rad < 0.01
     assert not outcome.collided
 
 

@@ -33,6 +33,8 @@ along = { uniform = [0.3, 0.8] }
 half_size = 0.2
 """
 SMALL = Search(drawn=6, screened=6, aimed=(2, 2), lanes=3, rounds=3, steps=(0.1, 0.4))
+TOUCHING = 0.5
+"""m, made-up clearance below which a scenario counts as collided"""
 
 
 @pytest.fixture(scope="module")
@@ -59,8 +61,8 @@ def no_episodes(monkeypatch):
 
     def run(self, places):
         counts["episodes"] += len(places)
-        clear = [(place, made_up(place)) for place in places]
-        return [(place, Found(place.spec, place.seed, c, c < 0.2, False, True, stood(place))) for place, c in clear]
+        pairs = [(place, made_up(place)) for place in places]
+        return [(one, Found(one.spec, one.seed, c, c < TOUCHING, False, True, stood(one))) for one, c in pairs]
 
     def gradients(self, places):
         counts["gradients"] += len(places)
@@ -81,7 +83,8 @@ def test_steps_go_down_to_the_bounds(study, no_episodes):
     assert found.worst[0].clearance < begun.worst[0].clearance
     assert [one.clearance for one in found.worst] == sorted(one.clearance for one in found.worst)
     assert len({one.spec.name for one in found.worst}) == SMALL.lanes
-    assert found.collisions == sum(one.clearance < 0.2 for one in found.worst)
+    assert found.collisions == sum(one.clearance < TOUCHING for one in found.worst)
+    assert found.counted == SMALL.lanes
     for one in found.worst:
         assert 3.0 <= one.spec.truth.mass <= 12.0 and 0.15 <= one.spec.truth.friction <= 0.6
         assert not isinstance(judged(one.spec, 0), str)
@@ -103,6 +106,27 @@ def test_random_sampling_begins_with_the_same_scenarios(study, no_episodes):
     assert {one.spec for one in few.worst} < {one.spec for one in more.worst}
     other = sample_worst(study, PlannerConfig(), 4, seed=1, keep=4)
     assert not {one.spec for one in few.worst} & {one.spec for one in other.worst}
+
+
+def test_collisions_are_counted_among_all_random_scenarios(study, no_episodes):
+    every, few = (sample_worst(study, PlannerConfig(), 20, keep=n) for n in (20, 2))
+    collided = sum(one.clearance < TOUCHING for one in every.worst)
+    assert 2 < collided < 20
+    assert (every.collisions, every.counted) == (few.collisions, few.counted) == (collided, 20)
+    assert few.worst == every.worst[:2]
+
+
+def test_what_is_there_after_every_stage_is_kept(study, no_episodes):
+    stages = []
+    found = falsify(study, PlannerConfig(), search=SMALL, kept=stages.append)
+    assert [one.episodes for one in stages] == [6, 8, 10, 21, 31, 42]
+    assert all(len(one.worst) == SMALL.lanes for one in stages)
+    least = [one.worst[0].clearance for one in stages]
+    assert least == sorted(least, reverse=True)
+    assert stages[-1] == found
+    batches = []
+    sample_worst(study, PlannerConfig(), 20, keep=3, kept=batches.append)
+    assert [(one.episodes, len(one.worst)) for one in batches] == [(8, 3), (16, 3), (20, 3)]
 
 
 def test_without_gradients_directions_are_random(study, no_episodes, monkeypatch):
@@ -177,7 +201,45 @@ def test_the_command_leaves_scenarios(no_episodes, tmp_path, monkeypatch, capsys
         spec = load_scenario(out / row["file"])
         assert spec.name == row["scenario"]
         assert made_up(dataclasses.make_dataclass("Place", ["spec"])(spec)) == pytest.approx(row["clearance"])
-    assert "after 22 episodes" in capsys.readouterr().out
+    assert "of the 2 scenarios kept collided, after 22 episodes" in capsys.readouterr().out
+
+    assert cli.main(["falsify", str(file), "--out", str(out), "--random", *sizes]) == 0
+    text = capsys.readouterr().out.splitlines()[-1]
+    summary = json.loads((out / "worst.json").read_text())
+    assert text == f"{summary['collisions']} of 22 episodes collided; the 2 worst are kept"
+    assert (summary["counted"], summary["episodes"], len(summary["worst"])) == (22, 22, 2)
+
+
+def test_a_stopped_search_leaves_what_it_found(no_episodes, tmp_path, monkeypatch, capsys):
+    def stopped(self, places):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Trials, "gradients", stopped)
+    monkeypatch.setattr(Search, "drawn", 1)  # quicker
+    monkeypatch.setattr(os, "environ", os.environ.copy())
+    (tmp_path / "breaking.toml").write_text(STUDY)
+    sizes = ["--screened", "3", "--aimed", "2", "--lanes", "2"]
+    command = ["falsify", str(tmp_path / "breaking.toml"), "--out", str(tmp_path / "out"), *sizes]
+    assert cli.main(command) == cli.INTERRUPTED
+    assert "whatever was finished is kept" in capsys.readouterr().err
+    assert json.loads((tmp_path / "out" / "worst.json").read_text())["episodes"] == 11
+    assert load_scenario(tmp_path / "out" / "worst-01.toml")
+
+
+def test_the_command_draws_more_than_it_begins_with(tmp_path, monkeypatch):
+    searches = []
+
+    def noted(study, config, seed, search, **_):
+        searches.append(search)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(falsification, "falsify", noted)
+    monkeypatch.setattr(os, "environ", os.environ.copy())
+    (tmp_path / "breaking.toml").write_text(STUDY)
+    for count in ("16", "200"):
+        command = ["falsify", str(tmp_path / "breaking.toml"), "--out", str(tmp_path), "--screened", count]
+        assert cli.main(command) == cli.INTERRUPTED
+    assert [(search.drawn, search.screened) for search in searches] == [(160, 16), (2000, 200)]
 
 
 @pytest.mark.slow

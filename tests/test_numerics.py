@@ -12,7 +12,9 @@ from jaxlocomanip.numerics import (
     apart,
     cholesky,
     cholesky_solve,
+    logarithm,
     projected_least_squares,
+    quotient,
     safe_norm,
     select,
     sine_and_cosine,
@@ -191,3 +193,23 @@ def test_apart_keeps_names_values_and_a_call_of_its_own():
     assert (program(jnp.full(100, 2.0)) == 25.0).all()
     if jax.default_backend() == "cpu":
         assert program.as_text().count(" call(") == 2
+
+
+def test_quotients_and_logarithms_have_the_derivatives_of_the_plain_ones(x64):
+    x, y = jnp.array([0.3, -2.0, 5.0]), jnp.array([0.7, 1.5, -4.0])
+    for ours, plain in ((quotient, jnp.divide), (lambda a, b: b * logarithm(a * a), lambda a, b: b * jnp.log(a * a))):
+        for argument in (0, 1):
+            first, second = jax.jacfwd(ours, argument), jax.jacfwd(plain, argument)
+            np.testing.assert_array_equal(ours(x, y), plain(x, y))
+            np.testing.assert_allclose(first(x, y), second(x, y), rtol=1e-14)
+            for other in (0, 1):
+                np.testing.assert_allclose(
+                    jax.jacrev(first, other)(x, y), jax.jacrev(second, other)(x, y), rtol=1e-13, atol=1e-15
+                )
+
+
+def test_quotients_broadcast_and_pass_numbers_on(x64):
+    slope = jax.grad(lambda a, b: jnp.sum(quotient(a, b)), argnums=(0, 1))
+    by_x, by_y = slope(jnp.float64(2.0), jnp.array([1.0, 4.0]))
+    assert (by_x, by_y.tolist()) == (1.25, [-2.0, -0.125])
+    assert quotient(jnp.float32(1.0), jnp.float32(3.0)) == jnp.float32(1.0) / jnp.float32(3.0)

@@ -12,7 +12,7 @@ TABLES = [
     CIRCLE,
     CIRCLE | {"velocity": [0.3, -0.1]},
     CIRCLE | {"motion": {"kind": "sine", "amplitude": [0.5, 1.0], "period": 7.0}, "velocity": [0.1, 0.0]},
-    CIRCLE | {"motion": {"kind": "waypoints", "times": [1.0, 4.0], "points": [[2.0, 2.0], [5.0, 1.0]]}},
+    CIRCLE | {"motion": {"kind": "waypoints", "times": [1.0, 4.0], "points": [[2.0, 3.0], [5.0, 1.0]]}},
 ]
 
 

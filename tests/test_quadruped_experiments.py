@@ -33,7 +33,8 @@ def test_the_unknown_object_reaches_the_goal():
     assert_safe(outcome)
     # What robots feel of a stride passes through the estimate, which knows only what they were asked for.
     assert outcome.estimates[4] == pytest.approx(0.4 * 8.0 * 9.81, rel=0.25)
-    assert CAPACITY / 3.0 < outcome.max_force_n < 3.0 * CAPACITY
+    # Strides add to what is asked for: 1.1 to 1.35 times the capacity at the most.
+    assert 0.7 * CAPACITY < outcome.max_force_n < 2.0 * CAPACITY
 
 
 @pytest.mark.slow

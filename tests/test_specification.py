@@ -6,7 +6,8 @@ import math
 import pytest
 
 from jaxlocomanip.checked import InputError
-from jaxlocomanip.specification import BOX_FACES, SensingSpec, TruthSpec, box, load_scenario, parse_scenario
+from jaxlocomanip.obstacle_spec import box
+from jaxlocomanip.specification import BOX_FACES, SensingSpec, TruthSpec, load_scenario, parse_scenario
 
 MINIMAL = {
     "name": "small",
@@ -149,3 +150,24 @@ def test_errors_of_files_name_the_file(tmp_path):
         with pytest.raises(InputError, match=reason) as caught:
             load_scenario(path)
         assert str(caught.value).startswith(str(path))
+
+
+@pytest.mark.parametrize(
+    ("groups", "message"),
+    [
+        ({"object": BODY | {"com": [0.6, 0.0]}}, "object.com = [0.6, 0.0]: must lie within the object's footprint"),
+        ({"truth": {"com": [0.0, -5.0]}}, "truth.com = [0.0, -5.0]: must lie within the object's footprint"),
+        ({"start": {"pose": [1e6, 0.0, 0.0]}}, "start.pose[0] = 1000000.0: must be >= -100 and <= 100"),
+        ({"goal": {"pose": [0.0, 0.0, 1e4]}}, "goal.pose[2] = 10000.0: must be >= -100 and <= 100"),
+        (
+            {"obstacles": [CIRCLE | {"motion": WALK}]},
+            "obstacles[0].position = [3.0, 3.0]: must be the first waypoint, [2.0, 2.0]",
+        ),
+        (
+            {"obstacles": [CIRCLE | {"position": [2, 2], "motion": WALK, "velocity": [0.1, 0.0]}]},
+            "obstacles[0].velocity = [0.1, 0.0]: must be left out where waypoints say the motion",
+        ),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(groups, message):
+    assert message in refusal(changed(**groups))

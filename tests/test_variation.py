@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from jaxlocomanip.build import build
+from jaxlocomanip.obstacle_spec import MotionSpec
 from jaxlocomanip.planar.dynamics import GRAVITY
 from jaxlocomanip.sampling.sampler import draw
 from jaxlocomanip.sampling.study import find_study
-from jaxlocomanip.specification import MotionSpec
 from jaxlocomanip.variation import Bounds, dimension, varied_spec, vary
 
 make = jax.jit(vary)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from jaxlocomanip.checked import InputError
 from jaxlocomanip.commands import options
 from jaxlocomanip.commands.options import refuse_missing_viewers, say
 from jaxlocomanip.files import prepare_directory, write_whole
@@ -15,25 +17,25 @@ if TYPE_CHECKING:
     from jaxlocomanip.falsification import Falsified, Found
     from jaxlocomanip.planner.config import PlannerConfig
 
+DRAWN = 10
+"""random scenarios among which one to begin with is chosen"""
+ROUNDS = 4
+"""of scenarios with an obstacle in the way"""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    add = parser.add_argument
+    add, count = parser.add_argument, partial(options.add_count, parser)
     add("study", metavar="STUDY", help="name of a study or path of a TOML file; its teams must have one size")
     add("--out", required=True, metavar="DIR", help="the worst scenarios as TOML files, and worst.json")
     options.add_planner(parser)
-    add("--screened", type=options.positive, default=16, help="random scenarios to begin with (default: %(default)s)")
-    add(
-        "--aimed",
-        type=options.positive,
-        default=8,
-        help="with an obstacle in the way, four times (default: %(default)s)",
-    )
-    add("--lanes", type=options.positive, default=8, help="the worst, improved by gradients (default: %(default)s)")
-    add("--rounds", type=options.positive, default=1, help="gradients of each (default: %(default)s)")
-    add("--random", action="store_true", help="only random scenarios, as many episodes as the search would cost")
-    add("--seed", type=options.seed, default=0, help="of scenarios and noise (default: %(default)s)")
-    add("--record", type=options.positive, metavar="N", help="record the N worst to worst.rrd")
+    count("--screened", 16, "the most promising of 10 times as many random scenarios (at least 160), to begin with")
+    count("--aimed", 8, "scenarios retried in each of four rounds with an obstacle moved into the object's way")
+    count("--lanes", 8, "worst scenarios to keep, and to improve by gradients of the clearance at the end")
+    count("--rounds", 1, "gradients of each scenario kept, one after the other")
+    add("--random", action="store_true", help="no search: as many random scenarios as it would cost episodes")
+    add("--seed", type=options.seed, default=0, help="of scenarios and measurement noise (default: %(default)s)")
+    add("--record", type=options.positive, metavar="N", help="run the N worst again and record them to DIR/worst.rrd")
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -42,6 +44,10 @@ def run(arguments: argparse.Namespace) -> None:
     Raises:
       InputError: bad input, before anything is compiled.
     """
+    for name in ("aimed", "lanes"):
+        if getattr(arguments, name) > arguments.screened:
+            limit = f"must not exceed --screened, which is {arguments.screened}"
+            raise InputError(f"argument --{name}: {getattr(arguments, name)} {limit}")
     refuse_missing_viewers(record=arguments.record is not None)
 
     from jaxlocomanip import config_file
@@ -52,41 +58,57 @@ def run(arguments: argparse.Namespace) -> None:
     config = config_file.without(config_file.named_config(arguments.config), arguments.without)
     out = prepare_directory(arguments.out)
     search = Search(
+        drawn=max(Search.drawn, DRAWN * arguments.screened),
         screened=arguments.screened,
-        aimed=(arguments.aimed,) * 4,
+        aimed=(arguments.aimed,) * ROUNDS,
         lanes=arguments.lanes,
         rounds=arguments.rounds,
     )
     say(f"{study.name}: {search.episodes} episodes\n")
+    # What is there after every stage is written, so that an interrupted search leaves it.
     if arguments.random:
-        found = sample_worst(study, config, search.episodes, arguments.seed, keep=arguments.lanes)
+        found = sample_worst(study, config, search.episodes, arguments.seed, arguments.lanes, kept=partial(_keep, out))
     else:
-        found = falsify(study, config, arguments.seed, search, say=lambda text: say(f"{text}\n"))
-    _keep(out, found)
+        found = falsify(
+            study, config, arguments.seed, search, say=lambda text: say(f"{text}\n"), kept=partial(_keep, out)
+        )
+    _list(found)
     if arguments.record:
         _record(out / "worst.rrd", config, found.worst[: arguments.record])
 
 
 def _keep(out: Path, found: Falsified) -> None:
-    """Write the scenarios, and list them."""
+    """Write the scenarios, and what came of them."""
     from jaxlocomanip.scenario_file import scenario_to_toml
 
     rows = []
     for number, one in enumerate(found.worst):
-        name = f"worst-{number:02d}.toml"
-        write_whole(out / name, scenario_to_toml(one.spec))
+        write_whole(out / _file(number), scenario_to_toml(one.spec))
         rows.append(
             {
-                "file": name,
+                "file": _file(number),
                 "scenario": one.spec.name,
                 **{k: v for k, v in vars(one).items() if k not in ("spec", "motion")},
             }
         )
+    counts = {name: getattr(found, name) for name in ("episodes", "collisions", "counted")}
+    write_whole(out / "worst.json", json.dumps({**counts, "worst": rows}, indent=2) + "\n")
+
+
+def _file(number: int) -> str:
+    return f"worst-{number:02d}.toml"
+
+
+def _list(found: Falsified) -> None:
+    """Print the scenarios, and how many collided."""
+    for number, one in enumerate(found.worst):
         verdict = "run over" if one.run_over else "collided" if one.collided else "clear"
-        print(f"{name}  {one.spec.name}  clearance {one.clearance:7.3f} m  {verdict}  --seed {one.seed}")
-    summary = {"episodes": found.episodes, "collisions": found.collisions, "worst": rows}
-    write_whole(out / "worst.json", json.dumps(summary, indent=2) + "\n")
-    print(f"{found.collisions} of {len(found.worst)} collided, after {found.episodes} episodes")
+        print(f"{_file(number)}  {one.spec.name}  clearance {one.clearance:7.3f} m  {verdict}  --seed {one.seed}")
+    kept = len(found.worst)
+    if found.counted > kept:
+        print(f"{found.collisions} of {found.counted} episodes collided; the {kept} worst are kept")
+    else:
+        print(f"{found.collisions} of the {kept} scenarios kept collided, after {found.episodes} episodes")
 
 
 def _record(path: Path, config: PlannerConfig, worst: tuple[Found, ...]) -> None:

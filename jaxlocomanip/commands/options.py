@@ -6,7 +6,7 @@ import argparse
 import importlib.util
 import sys
 
-from jaxlocomanip.checked import InputError
+from jaxlocomanip.checked import InputError, installing
 
 SEED_LIMIT = 2**32 - 1
 """largest seed"""
@@ -29,6 +29,11 @@ def whole(text: str, low: int, high: int) -> int:
     return int(text)
 
 
+def add_count(parser: argparse.ArgumentParser, name: str, default: int, text: str) -> None:
+    """A count with a default, which its help names."""
+    parser.add_argument(name, type=positive, default=default, metavar="N", help=f"{text} (default: %(default)s)")
+
+
 def add_backend(parser: argparse.ArgumentParser) -> None:
     """`--backend`."""
     parser.add_argument("--backend", help="physics of the quadruped world: c (MuJoCo) or mjx (for batches)")
@@ -46,15 +51,19 @@ def add_planner(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def refuse_missing_viewers(record: bool) -> bool:
+def refuse_missing_viewers(record: bool, hint: str = "") -> bool:
     """Whether figures can be drawn; what a recording needs must be there if one is asked for.
+
+    Args:
+      record: a recording is asked for.
+      hint: what else the user may do, for the end of the refusal.
 
     Raises:
       InputError: it is not.
     """
     drawable = importlib.util.find_spec("matplotlib") is not None
     if record and not (drawable and importlib.util.find_spec("rerun") is not None):
-        raise InputError('recording needs the view extra: pip install "jaxlocomanip[view]", or pass --no-record')
+        raise InputError(f"recording needs the view extra: {installing('view')}{hint}")
     return drawable
 
 

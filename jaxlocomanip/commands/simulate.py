@@ -55,7 +55,7 @@ def _checked_job(arguments: argparse.Namespace) -> _Job:
     """Refuse here, before minutes of compilation, whatever can be refused; the directory comes last."""
     specs = tuple(library.find(name) for name in arguments.scenarios)
     _refuse_repeated([spec.name for spec in specs])
-    draw = refuse_missing_viewers(record=not arguments.no_record)
+    draw = refuse_missing_viewers(not arguments.no_record, hint=", or pass --no-record")
 
     from jaxlocomanip import config_file
     from jaxlocomanip.closed_loop import load_world

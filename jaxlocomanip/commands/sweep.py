@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from jaxlocomanip.checked import InputError
+from jaxlocomanip.checked import InputError, installing
 from jaxlocomanip.commands import options
 from jaxlocomanip.commands.options import say
 
@@ -78,5 +78,5 @@ def _workers(text: str | None) -> int | None:
     import importlib.util
 
     if importlib.util.find_spec("ray") is None:
-        raise InputError("workers = 'ray': needs the ray extra: pip install \"jaxlocomanip[ray]\"")
+        raise InputError(f"workers = 'ray': needs the ray extra: {installing('ray')}")
     return int(number) if number else 0

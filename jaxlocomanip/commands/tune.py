@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from functools import partial
 
 from jaxlocomanip.commands import options
 from jaxlocomanip.commands.options import say
@@ -12,17 +13,28 @@ from jaxlocomanip.files import prepare_directory, write_whole
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    add = parser.add_argument
+    add, count = parser.add_argument, partial(options.add_count, parser)
     add("study", metavar="STUDY", help="name of a study or path of a TOML file; its teams must have one size")
-    add("--out", required=True, metavar="DIR", help="tuned.toml, for --config, and tune.json; stopped runs go on")
+    add(
+        "--out",
+        required=True,
+        metavar="DIR",
+        help="tuned.toml, for --config, and tune.json, from which the same command goes on",
+    )
     add("--config", default="robust", help="settings to start from: robust (default), paper, or a TOML file")
-    add("--tune", action="append", metavar="NAME", help="setting or group to tune, such as weights; may be repeated")
-    add("--method", default="gradient", help="gradient (default) or cem, which needs no gradients")
-    add("--steps", type=options.positive, default=40, help="(default: %(default)s)")
-    add("--batch", type=options.positive, default=8, help="scenarios of a step (default: %(default)s)")
-    add("--train", type=options.positive, default=64, help="scenarios to learn from (default: %(default)s)")
-    add("--held-out", type=options.positive, default=32, help="scenarios to choose by (default: %(default)s)")
-    add("--seed", type=options.seed, default=0, help="of scenarios and steps (default: %(default)s)")
+    add(
+        "--tune",
+        action="append",
+        metavar="NAME",
+        help="setting or group to tune, such as constraints.margin or weights; may be repeated (default: weights, "
+        "constraints, and gain, low_pass and prior_friction of the adaptation)",
+    )
+    add("--method", default="gradient", help="gradient (default; needs the tune extra), or cem, without gradients")
+    count("--steps", 40, "changes of the settings; a larger number goes on with a run that has ended")
+    count("--batch", 8, "training scenarios that each step sees, drawn at random")
+    count("--train", 64, "training scenarios: the first N of the study")
+    count("--held-out", 32, "scenarios after those, never trained on, by which the best settings are chosen")
+    add("--seed", type=options.seed, default=0, help="of the scenarios and of the steps (default: %(default)s)")
 
 
 def run(arguments: argparse.Namespace) -> None:

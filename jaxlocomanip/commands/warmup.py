@@ -25,8 +25,8 @@ Program = tuple[str, Callable[[], object]]
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     add = parser.add_argument
-    add("scenarios", nargs="*", metavar="SCENARIO", help="as for simulate")
-    add("--study", action="append", default=[], metavar="STUDY", help="as for sweep; may be repeated")
+    add("scenarios", nargs="*", metavar="SCENARIO", help="name in the library or path of a TOML file, as for simulate")
+    add("--study", action="append", default=[], metavar="STUDY", help="name of a study or TOML file; may be repeated")
     add("--world", help="world to simulate in: planar or quadruped (default: planar, or that of the study)")
     options.add_backend(parser)
     options.add_planner(parser)

@@ -51,7 +51,7 @@ class Body:
     @property
     def central_inertia(self) -> Array:
         """[] kg m^2 about the centre of mass, floored at 5 % of the inertia about p."""
-        return jnp.maximum(self.inertia - self.mass * jnp.sum(self.com**2), 0.05 * self.inertia)
+        return jnp.maximum(self.inertia - self.mass * jnp.sum(self.com**2, axis=0), 0.05 * self.inertia)
 
 
 def mass_matrix(body: Body, theta: Array) -> Array:

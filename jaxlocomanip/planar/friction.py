@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import Floats, pytree, smooth_positive, tiny
+from jaxlocomanip.numerics import Floats, pytree, quotient, smooth_positive, tiny
 
 Components = tuple[Array, Array, Array]
 """v_x, v_y and omega at the centre of mass, [...] each"""
@@ -51,11 +51,8 @@ def drops(inertia: Sequence[Array] | Array, force: Array, moment: Array, h: Floa
 
 def slowed(free: Components, drops: Drops, smoothing: Floats) -> Components:
     """Velocity after friction acted on the free velocity; `smoothing` in m/s widens the transition to rest in s."""
-    weights, root = _weights(free, drops), jnp.zeros_like(free[0])
-    for _ in range(NEWTON_STEPS):
-        root = _newton(root, weights, drops)[0]
-    speed = smooth_positive(root, smoothing)
-    vx, vy, omega = (v * speed / (speed + d) for v, d in zip(free, drops.drop, strict=True))
+    speed = smooth_positive(_root(_weights(free, drops), drops.drop), smoothing)
+    vx, vy, omega = (quotient(v * speed, speed + d) for v, d in zip(free, drops.drop, strict=True))
     return vx, vy, omega
 
 
@@ -64,16 +61,9 @@ def slowing(
 ) -> tuple[Components, Callable[[Array, Array, Array], Components]]:
     """`slowed`, and its derivative: from changes of the free velocity to changes of what is left of it."""
     weights = _weights(free, drops)
-    zero = jnp.zeros_like(free[0])
-
-    def newton(carry: tuple[Array, Components], _: None) -> tuple[tuple[Array, Components], None]:
-        root, slopes = carry
-        gone_on = jnp.where(root > 0.0, 1.0, 0.0)
-        new, by_root, by_weights = _newton(root, weights, drops)
-        a, b, c = (own + by_root * gone_on * old for own, old in zip(by_weights, slopes, strict=True))
-        return (new, (a, b, c)), None
-
-    (root, slopes), _ = jax.lax.scan(newton, (zero, (zero, zero, zero)), None, length=NEWTON_STEPS)
+    root = _root(weights, drops.drop)
+    _, inverses, by_value, by_slope = _step(root, weights, drops.drop)
+    slopes = [i * i * (by_value - by_slope * i) for i in inverses]
     speed = smooth_positive(root, smoothing)
     steep = speed / jnp.maximum(jnp.sqrt(root * root + 4.0 * smoothing * smoothing), tiny(root.dtype))
     by_free = [2.0 * a * v * s * steep for a, v, s in zip(drops.shape, free, slopes, strict=True)]
@@ -97,18 +87,42 @@ def _weights(free: Components, drops: Drops) -> Components:
     return a, b, c
 
 
-def _newton(root: Array, weights: Components, drops: Drops) -> tuple[Array, Array, Components]:
-    """One step, and its derivatives by where it starts and by the weights."""
+@jax.custom_jvp
+def _root(weights: Components, drop: Components) -> Array:
+    """s of weights w_i and d_i; where the object sticks, a negative number that goes on without a kink."""
+    root = jnp.zeros_like(weights[0])
+    for _ in range(NEWTON_STEPS):
+        root = _step(root, weights, drop)[0]
+    return root
+
+
+@_root.defjvp
+def _root_jvp(primals: tuple[Components, Components], tangents: tuple[Components, Components]) -> tuple[Array, Array]:
+    """By the implicit function theorem: at the root, a step's derivative by where it begins vanishes.
+
+    Where the object sticks every step begins at zero, and the derivative is that of such a step.
+    """
+    (weights, drop), (more, further) = primals, tangents
+    root = _root(weights, drop)
+    _, inverses, by_value, by_slope = _step(root, weights, drop)
+    change = jnp.zeros_like(root)
+    for w, i, dw, dd in zip(weights, inverses, more, further, strict=True):
+        shift = w * i * dd
+        change = change + i * i * (by_value * (dw - 2.0 * shift) - by_slope * i * (dw - 3.0 * shift))
+    return root, change
+
+
+def _step(root: Array, weights: Components, drop: Components) -> tuple[Array, list[Array], Array, Array]:
+    """A Newton step, the inverses 1 / (s + d_i) where it begins, and its derivatives.
+
+    Those are by the sums over w_i / (s + d_i)^2 and, with the other sign, over w_i / (s + d_i)^3.
+    """
     start = jnp.maximum(root, 0.0)
-    inverses = [1.0 / (start + d) for d in drops.drop]
+    one = jnp.ones_like(start)
+    inverses = [quotient(one, start + d) for d in drop]
     terms = [w * i * i for w, i in zip(weights, inverses, strict=True)]
-    value = terms[0] + terms[1] + terms[2]
     thirds = [t * i for t, i in zip(terms, inverses, strict=True)]
-    slope = thirds[0] + thirds[1] + thirds[2]
-    fourth = sum((t * i for t, i in zip(thirds, inverses, strict=True)), jnp.zeros_like(value))
+    value, flat = terms[0] + terms[1] + terms[2], quotient(one, thirds[0] + thirds[1] + thirds[2])
     size = jnp.sqrt(value)
-    move = (size - 1.0) * value / slope
-    steep = (1.5 * size - 1.0) / slope
-    by_root = 1.0 - 2.0 * steep * slope + 3.0 * move * fourth / slope
-    a, b, c = (i * i * (steep - move * i / slope) for i in inverses)
-    return start + move, by_root, (a, b, c)
+    move = (size - 1.0) * value * flat
+    return start + move, inverses, (1.5 * size - 1.0) * flat, move * flat

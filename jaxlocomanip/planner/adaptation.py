@@ -3,11 +3,13 @@
 Two laws share gain, projection and low-pass:
 
 * *paper*: Psi_dot = -Gamma Y(q, qd, qd_r, qdd_r)' s with the composite error s = qd_e + lambda q_e against the
-reference. It
-  drifts whenever an obstacle forces a detour, and learns nothing about friction at rest, where Y = 0.
+  reference. It drifts whenever an obstacle forces a detour, and learns nothing about friction at rest, where Y = 0.
 * *prediction*: the same with s measured against the model's own prediction for this tick, and Y replaced by its exact
   sensitivity -M d(qdd)/d(Psi) through the implicit friction step. Stiction is then learnt like anything else: while the
-  prediction moves and the object does not, the estimate of F_c rises.
+  prediction moves and the object does not, the estimate of F_c rises. An object at rest shows
+  no more than that the floor holds it against what is pushed. That would be explained as well by a centre of mass
+  straight ahead of whoever pushes, so while it is at rest both friction limits rise in proportion, as far as the push,
+  and nothing else is learnt.
 """
 
 from __future__ import annotations
@@ -107,19 +109,29 @@ def reference_slope(
 
 
 def adapt(
-    estimate: ParameterEstimate, slope: Array, tick: Floats, model: ObjectModel, settings: Adaptation
+    estimate: ParameterEstimate, slope: Array, held: Array, tick: Floats, model: ObjectModel, settings: Adaptation
 ) -> ParameterEstimate:
     """One tick of Psi_dot = -Gamma slope with projection and low-pass.
 
     Args:
       estimate: the previous one.
       slope: [6] Y' s.
+      held: [] N, the push against which the floor holds an object at rest; infinite where it moves. The paper's law
+        does not ask.
       tick: s.
       model: the object as believed; centres the projection box.
       settings: gains.
     """
     gain = jnp.stack([jnp.asarray(g, slope.dtype) for g in settings.gain])
-    psi = estimate.psi - tick * gain * slope
+    held = jnp.where(settings.on_prediction > 0.5, held, jnp.inf)
+    psi = _as_seen(estimate.psi, estimate.psi - tick * gain * slope, held)
     psi = jnp.where(jnp.any(gain > 0.0), project(psi, model, settings), estimate.psi)
     blend = tick / (settings.low_pass + tick)
     return ParameterEstimate(psi, estimate.filtered + blend * (psi - estimate.filtered))
+
+
+def _as_seen(old: Array, new: Array, held: Array) -> Array:
+    """Psi [6] of which an object at rest changes only the strength of the friction, and that as far as the push."""
+    force = jnp.maximum(old[4], jnp.minimum(new[4], held))
+    strength = force / jnp.maximum(old[4], 1e-3)
+    return jnp.where(jnp.isfinite(held), old.at[4:].multiply(strength), new)

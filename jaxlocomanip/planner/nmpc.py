@@ -196,8 +196,9 @@ def observe(
     slope = jnp.where(settings.on_prediction > 0.5, by_prediction, by_reference)
     # An object that nobody touches shows nothing, but for noise, which would be taken for friction.
     slope = jnp.where(state.progress.resting | ~jnp.any(measured.contact), 0.0, slope)
-    parameters = adaptation.adapt(state.parameters, slope, horizon.tick, task.model, settings)
     push = breakaway.limit_push(wrench_B, state.parameters.body.com, task.shapes)
+    held = jnp.where(breakaway.speed(state.breakaway.mean, task.shapes) < breakaway.STILL, push, jnp.inf)
+    parameters = adaptation.adapt(state.parameters, slope, held, horizon.tick, task.model, settings)
     watched, slips = breakaway.watch(state.breakaway, measured.pose, push, task.shapes, horizon.tick)
     estimate, parameters = breakaway.corrected(estimate, parameters, watched, slips, config)
     return estimate, parameters, obstacles, force, watched

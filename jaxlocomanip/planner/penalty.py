@@ -10,6 +10,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jax import Array
 
+from jaxlocomanip.numerics import logarithm, quotient
 from jaxlocomanip.solver.ocp import Penalty
 
 UNBOUNDED = 1e6
@@ -35,11 +36,11 @@ def relaxed_barrier(h: Array, weight: Array, switch: Array, reach: Array) -> Pen
     # One logarithm and one division a number: both kinds in multiples of their unit, the reach or 1.
     local = reach < UNBOUNDED
     unit = jnp.where(local, reach, 1.0)
-    t = jnp.where(local, jnp.minimum(near / unit, 1.0), near)
-    inverse, short = 1.0 / t, jnp.where(local, 1.0 - t, 0.0)
-    value = -jnp.log(t) - short - 0.5 * short * short
-    slope = jnp.where(local, -short * short, -1.0) * inverse / unit
-    curvature = (inverse * inverse - jnp.where(local, 1.0, 0.0)) / (unit * unit)
+    t = jnp.where(local, jnp.minimum(quotient(near, unit), 1.0), near)
+    inverse, short = quotient(jnp.ones_like(t), t), jnp.where(local, 1.0 - t, 0.0)
+    value = -logarithm(t) - short - 0.5 * short * short
+    slope = quotient(jnp.where(local, -short * short, -1.0) * inverse, unit)
+    curvature = quotient(inverse * inverse - jnp.where(local, 1.0, 0.0), unit * unit)
     below = h - near
     return Penalty(
         weight * (value + slope * below + 0.5 * curvature * below * below),

@@ -9,13 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxlocomanip.numerics import apart, larger, pytree, smaller
+from jaxlocomanip.formation import circle
+from jaxlocomanip.numerics import apart, larger, pytree, safe_norm, smaller
 from jaxlocomanip.planar.geometry import Outline, outline, quick_distance, rotate
 from jaxlocomanip.planar.vector import Vector, vectors
 from jaxlocomanip.planner.authority import usable_offsets
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import PREDICTED, ObstacleEstimate
-from jaxlocomanip.planner.shapes import Shapes
+from jaxlocomanip.planner.shapes import Shapes, rectangle_discs
 from jaxlocomanip.scenario import Goal
 
 HEADINGS, DIRECTIONS = 32, 16
@@ -58,13 +59,22 @@ class Grid:
     """[2] int"""
 
 
-def lay_grid(local: Array) -> Grid:
-    """The grid around the goal, at the origin, and a start [3] in the goal's frame."""
+def lay_grid(local: Array, extent: Array) -> Grid:
+    """The grid around the goal, at the origin, and a start [3] in the goal's frame, for bodies of an `extent`, [] m."""
     low = jnp.minimum(local[:2], 0.0) - BORDER
     side = jnp.max(jnp.maximum(local[:2], 0.0) + BORDER - low)
-    spacing = side / (CELLS - 1)
+    spacing = jnp.maximum(side / (CELLS - 1), extent / (_REACH - 1))
     cell = jnp.rint(-low / spacing)
     return Grid(-cell * spacing, spacing, cell.astype(jnp.int32))
+
+
+def extent(shapes: Shapes) -> Array:
+    """[] m, distance from the object's body point to the farthest of all discs, wherever robots stand or walk."""
+    _, circles = circle(shapes.object_vertices, shapes.team)
+    along, _ = rectangle_discs(shapes.team)
+    ends = [shapes.robot_centers(part * shapes.team.offset_limit).reshape(-1, 2) for part in STANDS]
+    standing = jnp.max(safe_norm(jnp.concatenate([shapes.object_centers, *ends])))
+    return jnp.maximum(standing, jnp.max(circles[:, None] + along))
 
 
 def ends(grid: Grid, goal: Goal) -> Array:

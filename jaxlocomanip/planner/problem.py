@@ -6,11 +6,13 @@ step of the adapted model; inequalities enter as relaxed barriers.
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip.numerics import pytree, safe_norm, static, wrap_angle
+from jaxlocomanip.numerics import Floats, pytree, safe_norm, static, wrap_angle
 from jaxlocomanip.planar import dynamics
 from jaxlocomanip.planar.dynamics import Body
 from jaxlocomanip.planar.geometry import cross
@@ -141,19 +143,36 @@ class PushProblem:
     def values(self, plan: Plan) -> tuple[Array, Array]:
         """Cost [N] and next state [N, nx] of every stage."""
         x, u = wide(plan.xs[:-1]), wide(plan.us)
-        following, groups = self._conditions(x, u, self.horizon)
+        following, groups = self._spread(x.shape[1])._conditions(x, u, self.horizon)
         cost = 0.5 * self.config.horizon.dt * jnp.sum(_times(self.weights(), self.errors(x, u, self.horizon) ** 2), 0)
         first = 0
         for h in groups:
             many = h.shape[0] if h.ndim == x.ndim else h.shape[0] * h.shape[1]
             rows = jax.tree.map(
-                lambda v, h=h, a=first, b=first + many: trailing(v[a:b].reshape(h.shape[: h.ndim - 1]), h),
+                lambda v, h=h, a=first, b=first + many: jnp.broadcast_to(
+                    trailing(v[a:b].reshape(h.shape[: h.ndim - 1]), h), h.shape
+                ),
                 self.barriers,
             )
             value = relaxed_barrier(h, self.config.horizon.dt * rows.weight, rows.switch, rows.reach).value
             cost = cost + jnp.sum(value, axis=tuple(range(h.ndim - 1)))
             first += many
         return cost[: self.steps], following[:, : self.steps].T
+
+    def _spread(self, stages: int) -> PushProblem:
+        """The same with a number for every stage of what is one for all, so that derivatives are summed only once."""
+        config = self.config
+
+        def spread(value: Floats) -> Array:
+            value = jnp.asarray(value, self.final_pose.dtype)
+            return jnp.broadcast_to(value[..., None], (*value.shape, stages))
+
+        horizon = dataclasses.replace(config.horizon, smoothing=spread(config.horizon.smoothing))
+        return dataclasses.replace(
+            self,
+            body=jax.tree.map(spread, self.body),
+            config=dataclasses.replace(config, horizon=horizon),
+        )
 
     def models(self, plan: Plan) -> StageModel:
         """Gauss-Newton models of all stages, leaves [N, ...]; equal to `solver.ocp.forward_model` of each."""

@@ -39,6 +39,7 @@ from jaxlocomanip.planner.pose_grid import (
     clearance,
     distance_field,
     ends,
+    extent,
     lay_grid,
 )
 from jaxlocomanip.planner.regrasp import (
@@ -149,7 +150,7 @@ def search_poses(
     )
     start, goal = query.start, query.goal.pose
     local = jnp.concatenate([rotate(-goal[2], start[:2] - goal[:2]), wrap_angle(start[2:] - goal[2:])])
-    grid = lay_grid(local)
+    grid = lay_grid(local, extent(shapes))
     land, costs = survey(local, grid, query, shapes, formations, obstacles, body, config)
     poses, last = descend(local, land.first, grid, land.value, land.ending, land.density, land.moves)
     heading = start[2] + poses[:, 2:] - local[2]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxlocomanip.checked import InputError
+from jaxlocomanip.checked import InputError, installing
 from jaxlocomanip.closed_loop import Result
 from jaxlocomanip.files import write_whole
 from jaxlocomanip.outcome import CLEAR, Outcome
@@ -69,7 +69,7 @@ def draw_figure(path: Path, name: str, scenario: Scenario, result: Result) -> No
         from matplotlib import style
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise InputError('figures need Matplotlib: pip install "jaxlocomanip[view]"') from error
+        raise InputError(f"figures need Matplotlib: {installing('view')}") from error
     from jaxlocomanip.recording.plan_view import draw_plan_view
 
     if result.log is None:

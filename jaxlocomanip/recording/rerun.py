@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxlocomanip.checked import InputError
+from jaxlocomanip.checked import InputError, installing
 from jaxlocomanip.closed_loop import Log
 from jaxlocomanip.files import write_whole
 from jaxlocomanip.recording import bodies, geometry, palette
@@ -58,7 +58,7 @@ def write_recording(path: Path, name: str, scenario: Scenario, log: Log) -> None
     try:
         import rerun as rr
     except ImportError as error:
-        raise InputError('recordings need Rerun: pip install "jaxlocomanip[view]"') from error
+        raise InputError(f"recordings need Rerun: {installing('view')}") from error
     from jaxlocomanip.recording.blueprint import CloseUp, layout
 
     episode = history(scenario, log)

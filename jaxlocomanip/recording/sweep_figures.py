@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxlocomanip.checked import InputError
+from jaxlocomanip.checked import InputError, installing
 from jaxlocomanip.files import write_whole
 from jaxlocomanip.sweep.report import Results
 from jaxlocomanip.sweep.statistics import clopper_pearson
@@ -50,7 +50,7 @@ def draw_sweep(directory: Path, results: Results, title: str) -> list[Path]:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise InputError('figures need Matplotlib: pip install "jaxlocomanip[view]"') from error
+        raise InputError(f"figures need Matplotlib: {installing('view')}") from error
     # One colour means one share in all panels, and few failures still show where they are.
     top = max(0.05, *(float(np.nanmax(_failures(results.of_variant(v)), initial=0.0)) for v in results.variants()))
     kinds: dict[str, Callable[[Axes, Results], Any]] = {

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxlocomanip.footprint import placed
+from jaxlocomanip.obstacle_spec import ObstacleSpec
 from jaxlocomanip.obstacles import moves
 from jaxlocomanip.sampling.bodies import Bodies
 from jaxlocomanip.sampling.flood import HEADINGS, Bits, Grid
-from jaxlocomanip.specification import ObstacleSpec, ScenarioSpec
+from jaxlocomanip.specification import ScenarioSpec
 
 Floats = NDArray[np.floating[Any]]
 

@@ -87,7 +87,8 @@ class Normal:
             return self.mean
         bell = NormalDist(self.mean, self.std)
         below, above = bell.cdf(self.low), bell.cdf(self.high)
-        return min(max(bell.inv_cdf(below + (above - below) * u), self.low), self.high)
+        quantile = min(max(below + (above - below) * u, math.ulp(0.0)), math.nextafter(1.0, 0.0))
+        return min(max(bell.inv_cdf(quantile), self.low), self.high)
 
 
 @dataclass(frozen=True)
@@ -144,20 +145,23 @@ def _choices(field: str, values: Any, check: Check) -> tuple[Any, ...]:
     return tuple(check(f"{field}[{i}]", value) for i, value in enumerate(values))
 
 
-def _ends(field: str, given: Any, check: Check) -> tuple[Any, Any]:
+def _ends(field: str, given: Any, check: Check, whole: bool = False) -> tuple[Any, Any]:
     if not isinstance(given, list | tuple) or len(given) != 2:
         raise InputError(f"{field} = {given!r}: must be two numbers, the lower one first")
     # Lists and names have no order: only numbers have ranges.
     low, high = (checked.number(f"{field}[{i}]", end) for i, end in enumerate(given))
-    check(f"{field}[0]", given[0])
-    check(f"{field}[1]", given[1])
+    for i, end in enumerate(given):
+        check(f"{field}[{i}]", end)
+        if not whole:
+            # As a fraction, too: what has to be a whole number has no range with anything between.
+            check(f"{field}[{i}]", float(end))
     if low > high:
         raise InputError(f"{field} = {list(given)!r}: the lower end must come first")
     return given[0], given[1]
 
 
 def _range(field: str, kind: str, given: Any, check: Check) -> Distribution:
-    low, high = _ends(field, given, check)
+    low, high = _ends(field, given, check, whole=kind == "integer")
     if kind == "integer":
         if not all(isinstance(end, int) for end in (low, high)):
             raise InputError(f"{field} = {list(given)!r}: must be two whole numbers")

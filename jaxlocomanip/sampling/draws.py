@@ -13,8 +13,6 @@ from dataclasses import dataclass
 
 INDEX_LIMIT = 2**31 - 1
 """largest lane number"""
-SEED_LIMIT = 2**64 - 1
-"""largest seed of a study"""
 
 _WORD = 0xFFFFFFFF
 _ROUNDS = 10

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from jaxlocomanip.footprint import footprint_moments
+from jaxlocomanip.obstacle_spec import box
 from jaxlocomanip.sampling.distributions import Constant
 from jaxlocomanip.sampling.draws import Draws
 from jaxlocomanip.sampling.parameters import CONSECUTIVE
 from jaxlocomanip.sampling.study import Study
-from jaxlocomanip.specification import BOX_FACES, box
+from jaxlocomanip.specification import BOX_FACES
 
 _PUSH_ANGLES: dict[str, float] = dict(zip(BOX_FACES, (0.5 * math.pi, math.pi, -0.5 * math.pi, 0.0), strict=True))
 """rad, direction in which a robot at each face of a box pushes"""

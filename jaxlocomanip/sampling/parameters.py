@@ -12,7 +12,7 @@ from jaxlocomanip import checked
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.robots.model import ROBOT_TYPES
 from jaxlocomanip.sampling.distributions import Check
-from jaxlocomanip.specification import BOX_FACES
+from jaxlocomanip.specification import BOX_FACES, FARTHEST, LONGEST_DELAY
 
 CONSECUTIVE = "consecutive"
 """faces in a row around the object, from `team.first_face` on"""
@@ -38,12 +38,7 @@ def _number(low: float, high: float, strictly: bool = False) -> Check:
 
 
 def _whole(low: int, high: int) -> Check:
-    def check(field: str, value: Any) -> int:
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise InputError(f"{field} = {value!r}: must be a whole number >= {low} and <= {high}")
-        return value
-
-    return check
+    return lambda field, value: checked.whole(field, value, low, high)
 
 
 def _name(*allowed: str) -> Check:
@@ -102,8 +97,8 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
         "truth.inertia_ratio": Parameter(
             _number(0.1, 10.0), 1.0, "true inertia about the centre of mass over that of an evenly filled box"
         ),
-        "start.x": Parameter(_number(-1e3, 1e3), 0.0, "m"),
-        "start.y": Parameter(_number(-1e3, 1e3), 0.0, "m"),
+        "start.x": Parameter(_number(-FARTHEST, FARTHEST), 0.0, "m"),
+        "start.y": Parameter(_number(-FARTHEST, FARTHEST), 0.0, "m"),
         "start.heading": Parameter(_number(-ANGLE, ANGLE), 0.0, "rad"),
         "goal.distance": Parameter(_number(0.0, 100.0), 5.0, "m, from the start"),
         "goal.bearing": Parameter(
@@ -140,7 +135,7 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
         "sensing.position_std": Parameter(_number(0.0, 0.1), 0.0, "m"),
         "sensing.heading_std": Parameter(_number(0.0, 0.3), 0.0, "rad"),
         "sensing.obstacle_std": Parameter(_number(0.0, 0.5), 0.0, "m"),
-        "sensing.command_delay": Parameter(_number(0.0, 0.1), 0.0, "s"),
+        "sensing.command_delay": Parameter(_number(0.0, LONGEST_DELAY), 0.0, "s"),
     }
 )
 """By dotted name: `truth.mass_ratio` is the key `mass_ratio` of the table `[truth]`."""

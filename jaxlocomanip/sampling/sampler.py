@@ -13,11 +13,12 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from jaxlocomanip import checked
 from jaxlocomanip.checked import InputError
-from jaxlocomanip.sampling.draws import INDEX_LIMIT, SEED_LIMIT, Draws
+from jaxlocomanip.sampling.draws import INDEX_LIMIT, Draws
 from jaxlocomanip.sampling.feasibility import judged
 from jaxlocomanip.sampling.layout import scenario_tables
-from jaxlocomanip.sampling.study import Study, find_study, whole
+from jaxlocomanip.sampling.study import Study, find_study
 from jaxlocomanip.scenario import Scenario
 from jaxlocomanip.specification import ScenarioSpec, parse_scenario
 
@@ -42,7 +43,7 @@ def sample(study: str | Study, seed: int, index: int) -> ScenarioSpec:
 
     Args:
       study: a study, or the name or file of one.
-      seed: from 0 to 2^64 - 1.
+      seed: from 0 to 2^32 - 1.
       index: from 0 to 2^31 - 1.
 
     Raises:
@@ -57,8 +58,8 @@ def draw(study: Study, seed: int, index: int) -> Lane:
     Raises:
       InputError: as `sample`.
     """
-    whole("seed", seed, 0, SEED_LIMIT)
-    whole("index", index, 0, INDEX_LIMIT)
+    checked.seed("seed", seed)
+    checked.whole("index", index, 0, INDEX_LIMIT)
     rejected: Counter[str] = Counter()
     for attempt in range(MOST_ATTEMPTS):
         spec = parse_scenario(scenario_tables(study, Draws(seed, index, attempt)), study.name)

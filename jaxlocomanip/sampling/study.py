@@ -175,9 +175,9 @@ def _study(data: Mapping[str, Any]) -> Study:
     _refuse_repeated("variants", [variant.name for variant in variants])
     return Study(
         name=checked.name("name", data["name"]),
-        count=whole("count", data.get("count", 1000), 1, MOST_LANES),
+        count=checked.whole("count", data.get("count", 1000), 1, MOST_LANES),
         world=checked.one_of("world", data.get("world", "planar"), ("planar", "quadruped")),
-        chunk=whole("chunk", data.get("chunk", 256), 1, 65536),
+        chunk=checked.whole("chunk", data.get("chunk", 256), 1, 65536),
         parameters=MappingProxyType(_parameters(data)),
         axes=axes,
         points=points or _grid(axes),
@@ -189,13 +189,6 @@ def _study(data: Mapping[str, Any]) -> Study:
 def _tables(field: str, value: Any) -> list[Any]:
     if not isinstance(value, list):
         raise InputError(f"{field} = {value!r}: must be a list of tables, [[{field}]]")
-    return value
-
-
-def whole(field: str, value: Any, low: int, high: int) -> int:
-    """`value` if it is a whole number in a range."""
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise InputError(f"{field} = {value!r}: must be a whole number >= {low} and <= {high}")
     return value
 
 

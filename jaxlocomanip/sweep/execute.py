@@ -88,7 +88,9 @@ def execute(plan: Plan, directory: str, runner: Runner, command: Sequence[str], 
 
 
 def finish(plan: Plan, store: Store, manifest: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Join the results and write the final manifest."""
+    """Join the results and write the final manifest, unless that has been done."""
+    if (before := store.finished()) is not None:
+        return before
     table = store.join([key(chunk, number) for chunk, number in plan.units()])
     first = table.slice(0, plan.lanes)  # every planner has the same scenarios
     whole = {

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from jaxlocomanip import config_file
+from jaxlocomanip import checked, config_file
 from jaxlocomanip.batch import Shape
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.footprint import covering_discs
+from jaxlocomanip.obstacle_spec import box
 from jaxlocomanip.padding import Padding
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.sampling.distributions import Choice, Constant, Distribution
+from jaxlocomanip.sampling.distributions import Choice, Constant, Distribution, Normal
 from jaxlocomanip.sampling.layout import team_size
 from jaxlocomanip.sampling.study import MOST_LANES, Study, Variant
-from jaxlocomanip.specification import box
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def plan_sweep(
     Raises:
       InputError: unknown settings of a variant, or too many scenarios.
     """
-    count = study.count if count is None else count
+    count = study.count if count is None else checked.whole("count", count, 1, MOST_LANES)
     total = count * len(study.points)
     if not 1 <= total <= MOST_LANES:
         raise InputError(f"count = {count}: must give 1 to {MOST_LANES} scenarios (at {len(study.points)} points)")
@@ -100,10 +100,10 @@ def plan_sweep(
     world = study.world if world is None else world
     if world == "quadruped" and backend is None:
         backend = "c"
-    lanes = min(study.chunk if chunk is None else chunk, total)
+    lanes = min(study.chunk if chunk is None else checked.whole("chunk", chunk, 1, MOST_LANES), total)
     return Plan(
         study=study,
-        seed=seed,
+        seed=checked.seed("seed", seed),
         count=count,
         world=world,
         backend=backend,
@@ -166,6 +166,8 @@ def _values(distribution: Distribution) -> tuple[Any, ...]:
 def _largest(distribution: Distribution) -> float:
     if isinstance(distribution, Constant | Choice):
         return max(_values(distribution))
+    if isinstance(distribution, Normal):
+        return distribution.high
     # Every other one is an increasing function of the quantile; rounding must not exceed the upper end.
     return distribution.at(math.nextafter(1.0, 0.0)) + 1e-9
 

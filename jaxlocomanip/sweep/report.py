@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -134,14 +135,15 @@ def worst(results: Results, count: int) -> Results:
 
 
 def worst_table(rows: Results, directory: str) -> str:
-    """The rows with what went wrong and the command that replays each of them."""
+    """The rows with what went wrong and the command that replays each of them, as a shell reads it."""
     words = ["-", "not reached", "collided", "fell", "non-finite"]
     grade, _ = badness(rows)
     lines = [["lane", "variant", "what", "object m", "robots m", "team m", "off m", "off rad", "replay"]]
     for i, kind in enumerate(grade.tolist()):
         what = "run over" if kind == 2 and rows["run_over"][i] else words[kind]
         lane, variant = int(rows["lane"][i]), rows["variant"][i]
-        replay = f"jaxlocomanip report {directory} --record {lane}" + (f"@{variant}" if variant else "")
+        which = f"{lane}@{variant}" if variant else str(lane)
+        replay = f"jaxlocomanip report {shlex.quote(directory)} --record {shlex.quote(which)}"
         cells = [
             f"{float(rows[name][i]):.3f}" if np.isfinite(float(rows[name][i])) else "-"
             for name in (

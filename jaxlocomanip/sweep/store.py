@@ -22,7 +22,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import jaxlocomanip
-from jaxlocomanip.checked import InputError
+from jaxlocomanip.checked import InputError, installing
 from jaxlocomanip.files import prepare_directory, write_whole
 from jaxlocomanip.sweep.rows import COLUMNS, Columns
 
@@ -40,7 +40,7 @@ def refuse_missing_parquet() -> None:
       InputError: it is not installed.
     """
     if importlib.util.find_spec("pyarrow") is None:
-        raise InputError('sweeps need the sweep extra: pip install "jaxlocomanip[sweep]"')
+        raise InputError(f"sweeps need the sweep extra: {installing('sweep')}")
 
 
 def versions() -> dict[str, str]:
@@ -84,6 +84,11 @@ class Store:
     def complete(self) -> bool:
         """Whether the results are joined already."""
         return (self.directory / RESULTS).exists()
+
+    def finished(self) -> Mapping[str, Any] | None:
+        """The manifest of a sweep of which nothing is left to do."""
+        manifest = read_manifest(self.directory) if self.complete and (self.directory / MANIFEST).exists() else {}
+        return manifest if manifest.get("complete") else None
 
     def done(self) -> set[str]:
         """Keys of the finished pieces."""

@@ -79,14 +79,11 @@ class PlanarWorld:
 
     def substep(self, state: PlanarState, scenario: Scenario, team: Team, push: Push, h: float) -> PlanarState:
         """One physics step of length h, s, with the team in its formation."""
-        points = team.contact_points(state.offset)
-        velocity_B = rotate(-state.pose[2], state.twist[:2]) + state.twist[2] * perpendicular(points)
-        ahead = jnp.sum(velocity_B * team.normal, axis=-1)
-        aside = jnp.sum(velocity_B * team.tangent, axis=-1)
+        points, ahead, aside = _contacts(state, team)
         wanted = jnp.clip(push.force, 0.0, team.force_max)
         at_faces = state.standing.arrived
         force = jnp.where(at_faces, wanted + (state.force - wanted) * jnp.exp(-h / self.force_lag), 0.0)
-        acting = force * jnp.clip((team.push_speed_max - ahead) / self.fade, 0.0, 1.0)
+        acting = force * self._keeping_up(team, ahead)
         wrench_B = dynamics.body_wrench(points, team.normal, acting)
         pose, twist = dynamics.step(scenario.truth, state.pose, state.twist, wrench_B, h, self.smoothing)
         walk = jnp.clip(push.offset_rate + aside, -team.slide_speed_max, team.slide_speed_max) - aside
@@ -94,18 +91,29 @@ class PlanarWorld:
         offset = jnp.clip(state.offset + h * walk, -team.offset_limit, team.offset_limit)
         return dataclasses.replace(state, pose=pose, twist=twist, offset=offset, force=force)
 
+    def _keeping_up(self, team: Team, ahead: Array) -> Array:
+        """[N_r] share of its push that a robot can bring to a face that recedes at [N_r] m/s."""
+        return jnp.clip((team.push_speed_max - ahead) / self.fade, 0.0, 1.0)
+
     def view(self, state: PlanarState, scenario: Scenario) -> View:
         """The true state."""
         now, at_faces = state.standing, state.standing.arrived
-        robots = team_in(scenario.team, scenario.formations, now.formation).robot_poses(state.pose, state.offset)
+        team = team_in(scenario.team, scenario.formations, now.formation)
+        robots, acting = team.robot_poses(state.pose, state.offset), state.force
+        acting = acting * self._keeping_up(team, _contacts(state, team)[1])
         if count(scenario.formations) > 1:
             walking = now.walk(scenario).poses_in_world(state.pose, now.phase)
             robots = jnp.where(at_faces, robots, walking)
         touching = jnp.broadcast_to(at_faces, state.offset.shape)
         nobody = jnp.zeros_like(touching)
-        return View(
-            state.pose, state.twist, state.offset, state.force, robots, touching, nobody, now.formation, bodies=None
-        )
+        return View(state.pose, state.twist, state.offset, acting, robots, touching, nobody, now.formation, bodies=None)
+
+
+def _contacts(state: PlanarState, team: Team) -> tuple[Array, Array, Array]:
+    """Contact points [N_r, 2] m in the body frame, and the speeds [N_r] m/s of the faces there, ahead and aside."""
+    points = team.contact_points(state.offset)
+    velocity_B = rotate(-state.pose[2], state.twist[:2]) + state.twist[2] * perpendicular(points)
+    return points, jnp.sum(velocity_B * team.normal, axis=-1), jnp.sum(velocity_B * team.tangent, axis=-1)
 
 
 def _walked(state: PlanarState, scenario: Scenario, push: Push, tick: float) -> PlanarState:

@@ -52,8 +52,8 @@ def test_a_report_of_no_sweep_and_of_no_such_lane_is_refused(capsys, place):
 @pytest.mark.parametrize(("missing", "command", "expected"), [
     ("pyarrow", "sweep tiny.toml --out x", 'sweeps need the sweep extra: pip install "jaxlocomanip\\[sweep\\]"'),
     ("pyarrow", "report x", "sweeps need the sweep extra"),
-    ("rerun", "report x --record worst:1", "recording needs the view extra"),
-    ("ray", "sweep tiny.toml --out x --workers ray", "workers = 'ray': needs the ray extra"),
+    ("rerun", "report x --record worst:1", 'recording needs the view extra: pip install "\\.\\[view\\]" in .*y\n'),
+    ("ray", "sweep tiny.toml --out x --workers ray", 'needs the ray extra: pip install "\\.\\[ray\\]"'),
 ])  # fmt: skip
 def test_missing_extras_are_named(capsys, monkeypatch, missing, command, expected):
     import importlib.util

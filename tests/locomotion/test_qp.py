@@ -106,8 +106,9 @@ def test_recorded_problems_against_clarabel(robots, gains):
         bound = float(problem.friction) * best[..., 2:]
         active.append((np.abs(best[..., :2]) > bound - 0.1)[best[..., 2] > 1.0].mean())
     assert max(active) > 0.05  # the friction cone matters in some of them
-    assert np.median(errors) < 0.05 and np.quantile(errors, 0.9) < 1.0  # N, of forces of about 100
-    assert max(converged) < 0.3  # what single precision leaves
+    # N, of forces of about 100: five times what is found (0.0015 and 0.032).
+    assert np.median(errors) < 0.008 and np.quantile(errors, 0.95) < 0.16
+    assert max(converged) < 0.17  # what single precision leaves, five times
 
 
 def test_forces_are_feasible_at_any_iteration_and_swinging_feet_have_none(robots, gains):
@@ -127,4 +128,4 @@ def test_a_batch_equals_its_members(robots, gains):
     problems = record(robots, gains)[:4]
     together = jax.vmap(lambda p: qp.solve(p, 5.0, 20))(jax.tree.map(lambda *x: jnp.stack(x), *problems))
     for one, problem in zip(together, problems, strict=True):
-        assert np.asarray(one) == pytest.approx(np.asarray(solve(problem, 5.0, iterations=20)), abs=0.05)
+        assert np.asarray(one) == pytest.approx(np.asarray(solve(problem, 5.0, iterations=20)), abs=1e-3)

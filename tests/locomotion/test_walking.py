@@ -26,8 +26,8 @@ def test_stands_where_it_is(name, gains):
     log = FlatGround(name, gains[name]).run(3.0, asked.stand)
     assert upright(log, 3.0)
     # Everything that holds it up is known, so that nothing is left for errors to make up for.
-    assert log.position[-1] == pytest.approx(log.position[0], abs=2e-3)
-    assert log.tilt.max() < 0.005
+    assert log.position[-1] == pytest.approx(log.position[0], abs=2e-4)
+    assert log.tilt.max() < 0.002
 
 
 @every_robot
@@ -45,10 +45,10 @@ def test_stand_walk_turn_stop_and_again(name, gains):
     assert log.mean_velocity(1.5, 3.0) == pytest.approx([0.5, 0.0, 0.0], abs=0.025)
     assert log.mean_velocity(3.8, 5.0) == pytest.approx([0.0, 0.2, 0.0], abs=0.02)
     first, last = log.after(5.5), log.after(7.0)
-    assert (log.yaw[last] - log.yaw[first]) / 1.5 == pytest.approx(0.5, rel=0.05)
+    assert (log.yaw[last] - log.yaw[first]) / 1.5 == pytest.approx(0.5, abs=0.015)
     rest = slice(log.after(7.8), log.after(8.5))
     assert not log.swinging[rest].any() and np.abs(log.velocity[rest]).max() < 0.02
-    assert log.mean_velocity(9.5)[0] == pytest.approx(0.3, rel=0.1)
+    assert log.mean_velocity(9.5)[0] == pytest.approx(0.3, abs=0.02)
     height = log.position[log.after(1.0) :, 2]
     assert np.abs(height / log.position[0, 2] - 1.0).max() < 0.05
 
@@ -56,15 +56,21 @@ def test_stand_walk_turn_stop_and_again(name, gains):
 @pytest.mark.slow
 @every_robot
 @pytest.mark.parametrize(
-    ("forward", "left", "turn"), [(0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.5), (1.0, 0.0, 0.0)]
+    ("forward", "left", "turn", "off"),
+    [
+        (0.0, 0.0, 0.0, 2e-4),
+        (0.5, 0.0, 0.0, 0.0017),
+        (0.0, 0.2, 0.0, 0.003),
+        (0.0, 0.0, 0.5, 0.013),
+        (1.0, 0.0, 0.0, 0.005),
+    ],
 )
-def test_twenty_seconds(name, forward, left, turn, gains):
+def test_twenty_seconds(name, forward, left, turn, off, gains):
+    """Mean velocities are right within `off` m/s, five times the error of the worst robot."""
     log = FlatGround(name, gains[name]).run(20.0, asked.walk((0.5, forward, left, turn)))
     assert upright(log, 20.0)
-    velocity = log.mean_velocity(2.0)
-    speed = max(forward, left, 0.2)
-    assert velocity == pytest.approx([forward, left, 0.0], abs=0.03 * speed)
-    assert turned(log, 2.0) == pytest.approx(turn, abs=0.01)
+    assert log.mean_velocity(2.0) == pytest.approx([forward, left, 0.0], abs=off)
+    assert turned(log, 2.0) == pytest.approx(turn, abs=5e-4)
     assert log.position[log.after(2.0) :, 2].mean() == pytest.approx(log.position[0, 2], abs=0.006)
 
 
@@ -85,7 +91,7 @@ def test_recovers_from_a_shove(name, gains):
     ground.data.qvel[1] += 0.5  # sideways, of the whole robot
     log = ground.run(4.0, asked.walk((0.3, 0.3, 0.0, 0.0)))
     assert log.time[-1] > 5.99
-    assert np.abs(log.mean_velocity(5.0)[1]) < 0.03
+    assert np.abs(log.mean_velocity(5.0)[1]) < 0.011
 
 
 def test_swinging_feet_clear_the_ground_and_land_softly(gains):

@@ -52,19 +52,44 @@ def test_projection_keeps_a_possible_body_and_moves_others_to_the_box(x64, make_
 
 
 @jax.jit
-def learn(model, believed, true, push, settings=SETTINGS):
-    """Friction believed, and the estimate after one tick of a push at rest, learnt from the difference in velocity."""
+def learn(model, believed, true, push, settings=SETTINGS, held=jnp.inf, at=0.0):
+    """Friction believed, and the estimate after one tick of a push at rest, learnt from the difference in velocity.
+
+    The push is `at` m beside the body point, and `held` what the floor is known to hold.
+    """
 
     def rubbing(force):
         force = jnp.asarray(force)
         return dataclasses.replace(model.body, friction_force=force, friction_moment=0.2 * force)
 
     psi, zero = regressor.from_body(rubbing(believed)), jnp.zeros(3)
-    wrench = zero.at[0].set(push)
+    wrench = jnp.stack([jnp.asarray(push), jnp.zeros(()), -push * jnp.asarray(at)])
     observed = dynamics.step(rubbing(true), zero, zero, wrench, TICK, 0.0)[1]
     predicted = dynamics.step(regressor.to_body(psi), zero, zero, wrench, TICK, 0.02)[1]
     slope = adaptation.predict(psi, zero, zero, wrench, TICK, 0.02)[2](observed - predicted)
-    return psi[FRICTION], adaptation.adapt(ParameterEstimate(psi, psi), slope, TICK, model, settings)
+    return psi[FRICTION], adaptation.adapt(ParameterEstimate(psi, psi), slope, held, TICK, model, settings)
+
+
+def test_an_object_at_rest_shows_no_more_than_that_the_floor_holds_the_push(x64, make_scenario):
+    model = make_scenario().object
+    moving = learn(model, believed=15.0, true=60.0, push=40.0, at=0.1)[1].psi
+    resting = learn(model, believed=15.0, true=60.0, push=40.0, at=0.1, held=40.0)[1].psi
+    assert np.abs(moving[2:4]).max() > 1e-4
+    assert resting[:4].tolist() == [*map(float, regressor.from_body(model.body)[:4])]
+    assert 15.0 < resting[FRICTION] < 40.0
+    assert resting[5] / resting[FRICTION] == pytest.approx(0.2)
+    for believed, held in ((39.9, 40.0), (50.0, 40.0)):
+        psi = regressor.from_body(model.body).at[4:].set(jnp.array([believed, 0.2 * believed]))
+        sliding = jnp.zeros(6).at[FRICTION].set(-100.0)  # asks for much more friction
+        after = adaptation.adapt(ParameterEstimate(psi, psi), sliding, held, TICK, model, SETTINGS).psi
+        assert after[FRICTION] == pytest.approx(max(believed, held))
+
+
+def test_the_papers_law_learns_at_rest_as_well(x64, make_scenario):
+    paper = dataclasses.replace(SETTINGS, on_prediction=0.0)
+    model = make_scenario().object
+    moving, resting = (learn(model, 15.0, 60.0, 40.0, paper, held, at=0.1)[1].psi for held in (jnp.inf, 40.0))
+    assert resting.tolist() == moving.tolist()
 
 
 def test_friction_rises_while_the_prediction_slides_and_the_object_sticks(x64, make_scenario):

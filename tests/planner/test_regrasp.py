@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from jaxlocomanip import build_scenario, find_scenario, find_study
+from jaxlocomanip.obstacle_spec import ObstacleSpec
 from jaxlocomanip.planner import adaptation, estimation, regrasp, search
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.search import Query
 from jaxlocomanip.planner.shapes import shapes_of
 from jaxlocomanip.sampling.sampler import draw
-from jaxlocomanip.specification import ObstacleSpec
 
 CONFIG = PlannerConfig()
 SPEC = dataclasses.replace(find_scenario("adaptive"), change_faces=True, obstacles=())

@@ -107,7 +107,7 @@ def test_trajectory_is_needed(made_up, tmp_path):
 
 def test_missing_matplotlib_names_the_extra(made_up, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(InputError, match=r"jaxlocomanip\[view\]"):
+    with pytest.raises(InputError, match=r'pip install "\.\[view\]"'):
         draw_figure(tmp_path / "a.png", "a", *made_up)
 
 

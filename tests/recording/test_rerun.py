@@ -156,6 +156,6 @@ def test_failure_leaves_the_old_file(made_up, tmp_path, monkeypatch):
 def test_missing_rerun_names_the_extra(made_up, tmp_path, monkeypatch):
     scenario, result = made_up
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(InputError, match=r"jaxlocomanip\[view\]"):
+    with pytest.raises(InputError, match=r'pip install "\.\[view\]"'):
         write_recording(tmp_path / "a.rrd", "a", scenario, result.log)
     assert not list(tmp_path.iterdir())

@@ -75,3 +75,15 @@ def test_whole_numbers_and_choices_are_equally_likely():
 def test_what_is_no_distribution_is_refused(given, expected):
     with pytest.raises(InputError, match=f"^{expected}"):
         parse_distribution("x", given, number)
+
+
+@pytest.mark.parametrize("given", [{"uniform": [0, 4]}, {"log_uniform": [1, 4]}, {"normal": [2, 1], "within": [0, 4]}])
+def test_whole_numbers_have_no_range_of_fractions(given):
+    with pytest.raises(InputError, match=r"x\..*\[0\] = [01]\.0: must be a whole number"):
+        parse_distribution("x", given, lambda field, value: checked.whole(field, value, 0, 9))
+
+
+def test_a_one_sided_normal_ends_where_it_says():
+    one_sided = parse_distribution("x", {"normal": [60.0, 1.0], "within": [60.0, 3600.0]}, lambda field, value: value)
+    assert 60.0 <= one_sided.at(1e-300) < 60.001
+    assert 65.0 < one_sided.at(math.nextafter(1.0, 0.0)) < 100.0

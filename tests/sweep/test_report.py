@@ -1,6 +1,7 @@
 """What a report says: rates by planner and point, the worst scenarios first, and how to replay them."""
 
 import io
+import shlex
 
 import numpy as np
 import pytest
@@ -65,6 +66,14 @@ def test_replays_are_commands(results):
     assert table.splitlines()[1].endswith("jaxlocomanip report out/a --record 7@full")
     assert [line.split()[2] for line in table.splitlines()[1:]] == ["non-finite", "non-finite", "fell"]
     assert "run over" in report.worst_table(report.worst(results.of_variant("blind"), 4), "d")
+
+
+def test_replays_of_names_with_spaces_are_commands(made_up_columns):
+    rows = results_of(made_up_columns(1, ("no adaptation",)))
+    replay = report.worst_table(rows, "my sweeps/a").splitlines()[1].partition("jaxlocomanip ")[2]
+    command, directory, option, which = shlex.split(replay)
+    assert (command, directory, option, which) == ("report", "my sweeps/a", "--record", "0@no adaptation")
+    assert report.chosen_rows(rows, which)["variant"].tolist() == ["no adaptation"]
 
 
 def test_rows_to_record_are_chosen(results):

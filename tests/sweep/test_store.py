@@ -3,6 +3,8 @@
 import json
 import multiprocessing
 import os
+import shutil
+from pathlib import Path
 
 import pytest
 
@@ -148,6 +150,50 @@ def test_two_programs_at_once_are_refused(tmp_path):
         pass
 
 
-def test_the_fingerprint_of_the_code_is_stable():
-    assert code_digest() == code_digest()
-    assert len(code_digest()) == 16
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A copy of the package, elsewhere, that the fingerprint is taken of."""
+    real = Path(module.jaxlocomanip.__file__).parent
+    copy = shutil.copytree(real, tmp_path / "copy", ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(module.jaxlocomanip, "__file__", str(copy / "__init__.py"))
+    return copy
+
+
+def test_the_fingerprint_is_that_of_the_code_and_not_of_its_place(request):
+    here = code_digest()
+    request.getfixturevalue("package")
+    assert code_digest() == here
+    assert len(here) == 16
+
+
+def _edited(package):
+    with (package / "loop.py").open("a") as file:
+        file.write("# one more line\n")
+
+
+def _renamed(package):
+    (package / "loop.py").rename(package / "loops.py")  # the next in order still
+
+
+def _another_robot(package):
+    path = package / "robots" / "go1.xml"
+    path.write_text(path.read_text().replace("0.", "1.", 1))
+
+
+def _another_study(package):
+    (package / "studies" / "more.toml").write_text("count = 1\n")
+
+
+@pytest.mark.parametrize("change", [_edited, _renamed, _another_robot, _another_study])
+def test_other_code_has_another_fingerprint(package, change):
+    before = code_digest()
+    change(package)
+    assert code_digest() != before
+
+
+def test_what_is_no_code_leaves_the_fingerprint(package):
+    before = code_digest()
+    (package / "notes.txt").write_text("nothing that is run")
+    (package / "__pycache__").mkdir()
+    (package / "__pycache__" / "loop.pyc").write_bytes(b"compiled")
+    assert code_digest() == before

@@ -20,11 +20,13 @@ from jaxlocomanip.worlds.quadruped_team import SWAY
 from jaxlocomanip.worlds.scene import STANDOFF
 
 CONFIG = PlannerConfig(horizon=Horizon(steps=10))
+MASS, FRICTION = 8.0, 0.4 * 8.0 * 9.81
+"""kg and N, of the object and of the floor under it"""
 
 
 @pytest.fixture(scope="module")
 def scenario(make_scenario):
-    return make_scenario(duration=4.0, truth={"mass": 8.0, "friction": 0.4})
+    return make_scenario(duration=4.0, truth={"mass": MASS, "friction": 0.4})
 
 
 @pytest.fixture(scope="module")
@@ -63,14 +65,29 @@ def test_the_team_walks_up_touches_and_pushes(scenario, result):
     assert len(log.time) == round(float(scenario.duration) / CONFIG.horizon.tick)
 
 
-def test_the_object_moves_only_if_pushed_hard_enough(scenario, result):
-    """While it slides steadily, the forces on it amount to the friction of the floor."""
+def first_slide(log):
+    """The first tick at which the two pushes, at right angles, together exceed what friction holds."""
+    return int(np.argmax(np.hypot(*np.asarray(log.view.force).T) > FRICTION))
+
+
+def test_the_object_moves_only_if_pushed_hard_enough(result):
+    pushed, pose = np.asarray(result.log.view.force), np.asarray(result.log.view.pose)
+    slides = first_slide(result.log)
+    assert np.hypot(*pushed[:slides].T).max() > 0.5 * FRICTION, "it was pushed before"
+    assert np.linalg.norm(pose[:slides, :2], axis=1).max() < 1e-3
+    assert np.linalg.norm(pose[slides + 25, :2]) > 0.05, "and slides half a second later"
+
+
+def test_pushes_overcome_friction_and_accelerate_the_object(result):
+    """From rest on, their impulse is that of friction and the momentum gained; the robots' strides are averaged out."""
     log = result.log
-    late = log.time > 3.0
-    forces = np.asarray(log.view.force)[late]
-    # Two pushes at right angles: together about mu m g along the motion, the robots' strides averaged out.
-    total = np.hypot(*forces.mean(axis=0))
-    assert total == pytest.approx(0.4 * 8.0 * 9.81, rel=0.25)
+    slides = first_slide(log)
+    pose, pushed = np.asarray(log.view.pose)[slides:], np.asarray(log.view.force)[slides:]
+    c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+    forces = np.stack([c * pushed[:, 0] - s * pushed[:, 1], s * pushed[:, 0] + c * pushed[:, 1]], axis=1)
+    velocity = (pose[-1, :2] - pose[-11, :2]) / (10 * CONFIG.horizon.tick)
+    acceleration = velocity / (len(pose) * CONFIG.horizon.tick)
+    assert np.hypot(*(forces.mean(axis=0) - MASS * acceleration)) == pytest.approx(FRICTION, rel=0.15)
 
 
 def test_weight_is_carried_by_the_feet(result):
@@ -122,7 +139,7 @@ def test_without_mujoco_the_extra_is_named(scenario, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     for name in [n for n in sys.modules if n.startswith("jaxlocomanip.worlds.") and n.split(".")[-1] != "interface"]:
         monkeypatch.delitem(sys.modules, name)
-    with pytest.raises(InputError, match=r"jaxlocomanip\[sim\]"):
+    with pytest.raises(InputError, match=r'pip install "\.\[sim\]"'):
         load_world("quadruped", None, batched=False)
 
 
@@ -166,8 +183,12 @@ def test_lanes_of_a_batch_are_what_they_are_alone(lanes):
 def test_both_backends_agree(scenario, result):
     other = simulate(scenario, CONFIG, "quadruped", backend="mjx")
     assert bool(other.outcome.reached) == bool(result.outcome.reached)
-    off = np.asarray(other.log.view.pose)[:, :2] - result.log.view.pose[:, :2]
-    assert np.linalg.norm(off, axis=1).max() < 0.2
+    off = np.linalg.norm(np.asarray(other.log.view.pose)[:, :2] - result.log.view.pose[:, :2], axis=1)
+    slides = first_slide(result.log)
+    assert off[:slides].max() < 1e-3
+    assert off[: slides + 15].max() < 0.012
+    # Then sliding has amplified what rounding began: C alone is off by 1 to 2 cm if the mass is by 1e-5 of it.
+    assert off.max() < 0.15
 
 
 @pytest.mark.slow
