@@ -16,7 +16,7 @@ from jaxlocomanip.footprint import placed, polygon_gap
 from jaxlocomanip.numerics import host_array
 from jaxlocomanip.obstacle_spec import Point
 from jaxlocomanip.robots.model import ROBOT_TYPES, RobotModel, load_robot
-from jaxlocomanip.scenario import Formations, Team
+from jaxlocomanip.scenario import UNPAIRED, Formations, Team
 from jaxlocomanip.specification import BOX_FACES, RobotSpec, ScenarioSpec
 
 Floats = NDArray[np.floating[Any]]
@@ -114,7 +114,7 @@ def _pairs(
     rows, bounds = [], []
     for i in range(count):
         for j in range(i + 1, count):
-            row, bound = np.zeros(count), 1e3
+            row, bound = np.zeros(count), UNPAIRED
             widths = models[i].half_width + models[j].half_width + TEAM_MARGIN
             corner = (lengths[faces[i]] + lengths[faces[j]]) / 2.0 - widths
             if faces[i] == faces[j]:

@@ -36,6 +36,10 @@ class ObjectModel:
     """[K] m"""
 
 
+UNPAIRED = 1e3
+"""m, of `Team.pair_bounds` of robots that never come near each other"""
+
+
 @pytree
 class Team:
     """N_r robots, each in contact with one face of the object, heading along its push direction."""

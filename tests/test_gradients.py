@@ -10,9 +10,11 @@ import pytest
 from jaxlocomanip.build import build
 from jaxlocomanip.gradients import SHARPNESS, _fade, soft_outcome
 from jaxlocomanip.library import find
-from jaxlocomanip.padding import Padding, stack
+from jaxlocomanip.padding import stack
 from jaxlocomanip.planner.config import Horizon, PlannerConfig, Reference
 from jaxlocomanip.sampling.sampler import sample
+from jaxlocomanip.sampling.study import find_study
+from jaxlocomanip.sweep.plan import padding
 
 # Reverse differentiation of the whole loop compiles for minutes on a busy machine.
 pytestmark = pytest.mark.timeout(1800)
@@ -101,7 +103,7 @@ def test_memory_hardly_grows_with_the_ticks(make_scenario):
 def random_lanes(first, count, config, ticks):
     """Values and gradients of random scenarios with obstacles, drawn by the study `standard`."""
     drawn = [build(sample("standard", 0, first + k), first + k) for k in range(count)]
-    scenarios = strong(stack(drawn, Padding(obstacles=4, corners=4, marks=1, vertices=4, discs=1)), jnp.float32)
+    scenarios = strong(stack(drawn, padding(find_study("standard"))), jnp.float32)
     parts = jax.vmap(lambda s: parts_of(s, config))(scenarios)
     return lanes(parts, scenarios, config, ticks)
 

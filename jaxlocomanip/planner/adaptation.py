@@ -8,8 +8,8 @@ Two laws share gain, projection and low-pass:
   sensitivity -M d(qdd)/d(Psi) through the implicit friction step. Stiction is then learnt like anything else: while the
   prediction moves and the object does not, the estimate of F_c rises. An object at rest shows
   no more than that the floor holds it against what is pushed. That would be explained as well by a centre of mass
-  straight ahead of whoever pushes, so while it is at rest both friction limits rise in proportion, as far as the push,
-  and nothing else is learnt.
+  straight ahead of whoever pushes, so while it is at rest both friction limits rise in proportion, as far as a
+  little more than the push, and nothing else is learnt.
 """
 
 from __future__ import annotations
@@ -25,6 +25,11 @@ from jaxlocomanip.planar import dynamics, regressor
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
 from jaxlocomanip.planner.config import Adaptation
 from jaxlocomanip.scenario import ObjectModel
+
+
+BEYOND = 1.25
+"""times the push that does not move an object, which its friction is believed to be at most; if it were not a little
+more, nobody would push harder"""
 
 
 @pytree
@@ -131,7 +136,7 @@ def adapt(
 
 
 def _as_seen(old: Array, new: Array, held: Array) -> Array:
-    """Psi [6] of which an object at rest changes only the strength of the friction, and that as far as the push."""
-    force = jnp.maximum(old[4], jnp.minimum(new[4], held))
+    """Psi [6] of which an object at rest changes only the strength of the friction."""
+    force = jnp.maximum(old[4], jnp.minimum(new[4], BEYOND * held))
     strength = force / jnp.maximum(old[4], 1e-3)
     return jnp.where(jnp.isfinite(held), old.at[4:].multiply(strength), new)

@@ -14,6 +14,7 @@ from jaxlocomanip.planar.dynamics import Body, friction_wrench
 from jaxlocomanip.planar.vector import trailing, unit, vector
 from jaxlocomanip.planner.config import Barrier, Constraints, PlannerConfig
 from jaxlocomanip.planner.shapes import ROBOT_DISCS, Shapes
+from jaxlocomanip.scenario import UNPAIRED
 
 
 @pytree
@@ -118,7 +119,7 @@ def barrier_rows(shapes: Shapes, config: PlannerConfig) -> BarrierRows:
         (settings.force, jnp.ones(2 * n, dtype)),
         (settings.offset, jnp.ones(2 * n, dtype)),
         (settings.offset_rate, jnp.ones(2 * n, dtype)),
-        (settings.team, (team.pair_bounds < 100.0).astype(dtype)),
+        (settings.team, (team.pair_bounds < UNPAIRED).astype(dtype)),
         (settings.clf, jnp.ones(1, dtype)),
         (settings.object_cbf, jnp.tile(exists, shapes.object_radii.shape[0]) * config.protection.object),
         (settings.robot_cbf, jnp.tile(exists, n * ROBOT_DISCS) * config.protection.robots),

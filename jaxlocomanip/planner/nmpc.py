@@ -109,32 +109,38 @@ def tick(
     keep = keeping.room_to_keep(kept, gaps, shapes.obstacle_dynamic, config.safety.margin)
     body, offset = parameters.body, measured.offset
     proven = safety.prove_friction(state.proven, estimate, force, offset, body, shapes, config)
-    stirring = breakaway.speed(watched.mean, shapes)
     situation = Situation(
-        estimate, body, obstacles, offset, gaps, keep, force, proven, watched.waiting, stirring, progress.held
+        estimate=estimate,
+        body=body,
+        obstacles=obstacles,
+        offset=offset,
+        gaps=gaps,
+        kept=keep,
+        force=force,
+        proven=proven,
+        waiting=watched.waiting,
+        stirring=breakaway.speed(watched.mean, shapes),
+        held=progress.held,
     )
     progress = _scheduled(progress, state.path, situation, shapes, config)
     situation = dataclasses.replace(situation, held=progress.held)
     given = (situation, state.path, progress, warm, shapes, config)
     decided = _if_awake(progress, decide, given, at_rest(situation, warm), config)
     command = _command(decided.sent, situation, progress, measured.formation, shapes, horizon)
-    new = PlannerState(
-        estimate,
-        obstacles,
-        parameters,
-        state.path,
-        state.origin,
-        progress,
-        decided.solver,
-        force,
-        measured.offset,
-        proven,
-        watched,
-        kept,
-        measured.formation,
-        state.berth,
-        state.walks,
-        command,
+    new = dataclasses.replace(
+        state,
+        object=estimate,
+        obstacles=obstacles,
+        parameters=parameters,
+        progress=progress,
+        solver=decided.solver,
+        force=force,
+        offset=measured.offset,
+        proven=proven,
+        breakaway=watched,
+        kept=kept,
+        formation=measured.formation,
+        command=command,
     )
     if count(task.formations) > 1:
         new = regrouping(new, measured, task, config)

@@ -69,8 +69,6 @@ class Tables:
     object_body: int
     object_qpos: int
     object_dof: int
-    object_geom: int
-    floor_geom: int
     bodies: tuple[int, ...]
     """[n_b] the object's and all robots' bodies, for recording"""
 
@@ -257,7 +255,5 @@ def _tables(model: mujoco.MjModel, count: int) -> Tables:
         object_body=model.body("object").id,
         object_qpos=int(box.qposadr[0]),
         object_dof=int(box.dofadr[0]),
-        object_geom=model.geom("object").id,
-        floor_geom=model.geom("floor").id,
         bodies=tuple(b for b, name in enumerate(names) if name == "object" or name.startswith(tuple(prefixes))),
     )
