@@ -21,6 +21,8 @@ from jaxlocomanip.solver.sqp import Options
 
 UNROLLED = (1, 10, 50)
 """iterations of the solver that are differentiated in reverse mode, with everything they compute stored"""
+LANES = 64
+"""plans that are differentiated side by side"""
 Program = Callable[..., Any]
 
 
@@ -41,6 +43,14 @@ def measure(calls: int) -> dict[str, Any]:
         "implicit vjp by x0 and body": _timed(_vjp_body, *given, by_plan, calls=calls),
         "implicit vjp by x0 and the whole problem": _timed(_vjp_all, *given, by_plan, calls=calls),
     }
+    side_by_side = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (LANES, *jnp.shape(leaf))), (given, by_plan))
+    few = max(calls // LANES, 20)
+    for name, function, arguments in (
+        ("sqp iteration", _iteration, side_by_side[0]),
+        ("implicit vjp by x0 and body", _vjp_body, (*side_by_side[0], side_by_side[1])),
+        ("implicit vjp by x0 and the whole problem", _vjp_all, (*side_by_side[0], side_by_side[1])),
+    ):
+        results[f"{LANES} lanes, {name}"] = _timed(jax.vmap(function), *arguments, calls=few)
     for count in UNROLLED:
         name = f"unrolled vjp by x0 and body, {count} iterations"
         results[name] = _timed(_unrolled(count), *given, by_plan, calls=max(calls // count, 20))

@@ -6,10 +6,11 @@ Two laws share gain, projection and low-pass:
   reference. It drifts whenever an obstacle forces a detour, and learns nothing about friction at rest, where Y = 0.
 * *prediction*: the same with s measured against the model's own prediction for this tick, and Y replaced by its exact
   sensitivity -M d(qdd)/d(Psi) through the implicit friction step. Stiction is then learnt like anything else: while the
-  prediction moves and the object does not, the estimate of F_c rises. An object at rest shows
-  no more than that the floor holds it against what is pushed. That would be explained as well by a centre of mass
-  straight ahead of whoever pushes, so while it is at rest both friction limits rise in proportion, as far as a
-  little more than the push, and nothing else is learnt.
+  prediction moves and the object does not, the estimate of F_c rises.
+
+An object at rest shows no more than that the floor holds it against what is pushed. That would be explained as well by
+a centre of mass straight ahead of whoever pushes, so the second law lets both friction limits rise in proportion while
+the object is at rest, to a little more than the push, and learns nothing else.
 """
 
 from __future__ import annotations
@@ -25,7 +26,6 @@ from jaxlocomanip.planar import dynamics, regressor
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
 from jaxlocomanip.planner.config import Adaptation
 from jaxlocomanip.scenario import ObjectModel
-
 
 BEYOND = 1.25
 """times the push that does not move an object, which its friction is believed to be at most; if it were not a little
