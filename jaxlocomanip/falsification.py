@@ -12,15 +12,15 @@ of what happens after any change is chance: every try also moves all coordinates
 planner could solve (`sampling.feasibility`) is never tried. Every clearance that is reported is that of an episode as
 `simulate` runs it, never the soft one.
 
-The cost is counted in episodes, a gradient at `Search.gradient_cost` of them, so that `sample_worst`, random sampling
-within the same bounds, can be given the same budget.
+The cost is counted in episodes, a gradient at `Search.gradient_cost` of them, so that `random_worst.sample_worst`,
+random sampling within the same bounds, can be given the same budget.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,17 +29,13 @@ from numpy.typing import NDArray
 from jaxlocomanip.aiming import Aim, aims, straight_motion
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.sampling.sampler import draw
+from jaxlocomanip.random_worst import BATCH, TRIALS, Falsified, Keep, collisions, random_places
 from jaxlocomanip.sampling.study import Study
 from jaxlocomanip.trials import Found, Place, Trials, place_at
-from jaxlocomanip.variation import Bounds, dimension
+from jaxlocomanip.variation import Bounds
 
 Floats = NDArray[np.floating[Any]]
 
-TRIALS = 8
-"""random places that are tried around a scenario of a study before the next one is drawn"""
-BATCH = 8
-"""episodes that are simulated side by side"""
 APART = 0.2
 """coordinates within this of a scenario that cannot be solved are not tried"""
 HALVINGS = 3
@@ -78,22 +74,7 @@ class Search:
         return math.ceil(self.screened + sum(self.aimed) + stepped)
 
 
-@dataclasses.dataclass(frozen=True)
-class Falsified:
-    """What a search found."""
-
-    worst: tuple[Found, ...]
-    """scenarios of different origin, least clearance first"""
-    episodes: int
-    """that it cost"""
-    collisions: int
-    """scenarios that collided and were not merely run over"""
-    counted: int
-    """of so many: of all random scenarios, but of `worst` alone after a search, which forgets the others"""
-
-
 Say = Callable[[str], None]
-Keep = Callable[[Falsified], None]
 
 
 def falsify(
@@ -131,7 +112,7 @@ def falsify(
     if plan.drawn < plan.screened:
         raise InputError(f"search.drawn = {plan.drawn}: must be >= search.screened = {plan.screened}")
     trial = Trials(study, config, box, BATCH, plan.window, plan.memory)
-    drawn = list(_random_places(study, seed, plan.drawn, box))
+    drawn = list(random_places(study, seed, plan.drawn, box))
     rng = np.random.default_rng([seed, len(plan.aimed) + plan.rounds])
     begun = trial.run(_promising(drawn, plan.screened, plan.spread, float(config.reference.speed), box, rng))
     lanes = [_Lane(place, found) for place, found in begun]
@@ -169,7 +150,7 @@ def _so_far(lanes: Sequence[_Lane], plan: Search, aimed: int, rounds: int) -> Fa
     """What a search has found after so many rounds of aims and of gradients."""
     done = dataclasses.replace(plan, aimed=plan.aimed[:aimed], rounds=rounds)
     worst = tuple(sorted((lane.found for lane in lanes), key=lambda one: one.clearance)[: plan.lanes])
-    return Falsified(worst, done.episodes, _collisions(worst), len(worst))
+    return Falsified(worst, done.episodes, collisions(worst), len(worst))
 
 
 def _promising(
@@ -241,60 +222,6 @@ def _improved(
         place, found = min(ways, key=lambda pair: pair[1].clearance)
         new.append(dataclasses.replace(lane, place=place, found=found))
     return new
-
-
-def sample_worst(
-    study: Study,
-    config: PlannerConfig,
-    episodes: int,
-    seed: int = 0,
-    keep: int = 16,
-    bounds: Bounds | None = None,
-    kept: Keep = lambda found: None,
-) -> Falsified:
-    """The worst of random scenarios, the first that `falsify` of this seed draws.
-
-    Args:
-      study: as of `falsify`, like `config`, `seed` and `bounds`.
-      config: planner settings.
-      episodes: how many.
-      seed: of scenarios and noise.
-      keep: how many to return.
-      bounds: how far scenarios may be varied.
-      kept: given what has been found so far after every batch.
-    """
-    box = bounds or Bounds()
-    trial, places = Trials(study, config, box, BATCH), list(_random_places(study, seed, episodes, box))
-    every: list[Found] = []
-    found = Falsified((), 0, 0, 0)
-    for first in range(0, episodes, BATCH):
-        every += [one for _, one in trial.run(places[first : first + BATCH])]
-        worst = tuple(sorted(every, key=lambda one: one.clearance)[:keep])
-        found = Falsified(worst, len(every), _collisions(every), len(every))
-        kept(found)
-    return found
-
-
-def _collisions(found: Sequence[Found]) -> int:
-    return sum(one.collided and not one.run_over for one in found)
-
-
-def _random_places(study: Study, seed: int, count: int, bounds: Bounds) -> Iterator[Place]:
-    """The first `count` scenarios of a study and seed, each varied at random."""
-    index = made = 0
-    while made < count:
-        if index > 100 + 10 * count:
-            raise InputError(f"{study.name}: hardly any of its scenarios can be solved within the bounds")
-        lane = draw(study, seed, index)
-        rng = np.random.default_rng([seed, index])
-        noise = int(rng.integers(2**32))
-        for _ in range(TRIALS):
-            place = place_at(lane, noise, rng.uniform(-1.0, 1.0, dimension(lane.scenario)), bounds)
-            if place is not None:
-                made += 1
-                yield place
-                break
-        index += 1
 
 
 def _step(

@@ -24,8 +24,9 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 from jaxlocomanip import PlannerConfig, build_scenario, load_scenario, simulate
-from jaxlocomanip.falsification import Search, falsify, sample_worst
+from jaxlocomanip.falsification import Search, falsify
 from jaxlocomanip.planner.config import Horizon
+from jaxlocomanip.random_worst import sample_worst
 from jaxlocomanip.recording.figures import draw_figure
 from jaxlocomanip.sampling.study import parse_study
 from jaxlocomanip.scenario_file import scenario_to_toml

@@ -8,13 +8,14 @@ import os
 import numpy as np
 import pytest
 
-from jaxlocomanip import cli, falsification
+from jaxlocomanip import cli, falsification, random_worst
 from jaxlocomanip.aiming import Motion, straight_motion
 from jaxlocomanip.build import build
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.closed_loop import simulate
-from jaxlocomanip.falsification import Search, falsify, sample_worst
+from jaxlocomanip.falsification import Search, falsify
 from jaxlocomanip.planner.config import Horizon, PlannerConfig
+from jaxlocomanip.random_worst import sample_worst
 from jaxlocomanip.sampling.feasibility import judged
 from jaxlocomanip.sampling.study import parse_study
 from jaxlocomanip.specification import load_scenario
@@ -183,7 +184,7 @@ def test_scenarios_that_promise_most_are_begun_with(study, no_episodes, monkeypa
 
 
 def test_studies_without_scenarios_within_the_bounds_are_refused(study, monkeypatch):
-    monkeypatch.setattr(falsification, "place_at", lambda *_: None)
+    monkeypatch.setattr(random_worst, "place_at", lambda *_: None)
     with pytest.raises(InputError, match="breaking: hardly any of its scenarios"):
         sample_worst(study, PlannerConfig(), 1)
 

@@ -14,8 +14,9 @@ from jaxlocomanip.commands.options import refuse_missing_viewers, say
 from jaxlocomanip.files import prepare_directory, write_whole
 
 if TYPE_CHECKING:
-    from jaxlocomanip.falsification import Falsified, Found
     from jaxlocomanip.planner.config import PlannerConfig
+    from jaxlocomanip.random_worst import Falsified
+    from jaxlocomanip.trials import Found
 
 DRAWN = 10
 """random scenarios among which one to begin with is chosen"""
@@ -51,7 +52,8 @@ def run(arguments: argparse.Namespace) -> None:
     refuse_missing_viewers(record=arguments.record is not None)
 
     from jaxlocomanip import config_file
-    from jaxlocomanip.falsification import Search, falsify, sample_worst
+    from jaxlocomanip.falsification import Search, falsify
+    from jaxlocomanip.random_worst import sample_worst
     from jaxlocomanip.sampling.study import find_study
 
     study = find_study(arguments.study)

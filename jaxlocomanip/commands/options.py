@@ -6,10 +6,7 @@ import argparse
 import importlib.util
 import sys
 
-from jaxlocomanip.checked import InputError, installing
-
-SEED_LIMIT = 2**32 - 1
-"""largest seed"""
+from jaxlocomanip.checked import SEED_LIMIT, InputError, installing
 
 
 def seed(text: str) -> int:
