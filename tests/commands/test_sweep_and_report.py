@@ -50,7 +50,7 @@ def test_a_report_of_no_sweep_and_of_no_such_lane_is_refused(capsys, place):
 
 
 @pytest.mark.parametrize(("missing", "command", "expected"), [
-    ("pyarrow", "sweep tiny.toml --out x", 'sweeps need the sweep extra: pip install "jaxlocomanip\\[sweep\\]"'),
+    ("pyarrow", "sweep tiny.toml --out x", 'sweeps need the sweep extra: pip install "\\.\\[sweep\\]" in .*y\n'),
     ("pyarrow", "report x", "sweeps need the sweep extra"),
     ("rerun", "report x --record worst:1", 'recording needs the view extra: pip install "\\.\\[view\\]" in .*y\n'),
     ("ray", "sweep tiny.toml --out x --workers ray", 'needs the ray extra: pip install "\\.\\[ray\\]"'),

@@ -60,14 +60,14 @@ def object_inertia(model):
 )
 def test_object_has_the_true_mechanics(make_scenario, shape):
     robots = [{"type": "go1", "face": 0}]
-    truth = {"mass": 9.0, "com": [0.04, -0.03], "friction": 0.35}
+    truth = {"mass": 9.0, "com": [0.15, 0.1], "friction": 0.35}
     scenario = make_scenario(object={**shape, "height": 0.4, "mass": 6.0}, truth=truth, robots=robots)
     model = build_scene(scenario).model
     body = model.body("object")
     assert body.mass[0] == pytest.approx(9.0)
-    assert body.ipos == pytest.approx([0.04, -0.03, 0.2], abs=1e-6)
+    assert body.ipos == pytest.approx([0.15, 0.1, 0.2], abs=1e-6)
     inertia = object_inertia(model)
-    about_p = inertia[2, 2] + 9.0 * (0.04**2 + 0.03**2)
+    about_p = inertia[2, 2] + 9.0 * (0.15**2 + 0.1**2)
     assert about_p == pytest.approx(float(scenario.truth.inertia), rel=1e-5)
     moments = np.linalg.eigvalsh(inertia)
     assert (moments > 0.0).all() and moments[2] < moments[0] + moments[1]
