@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from benchmarks.latency import instant
-from benchmarks.timing import compiled, milliseconds
+from benchmarks.timing import compiled, in_turn
 from jaxlocomanip import PlannerConfig
 from jaxlocomanip.planner import nmpc
 from jaxlocomanip.planner.problem import PushProblem
@@ -36,31 +36,33 @@ def measure(calls: int) -> dict[str, Any]:
     plan = found.plan
     by_plan = jax.tree.map(jnp.ones_like, plan)
     given = (s.problem, s.x0, plan)
-    results = {
-        "sqp iteration": _timed(_iteration, *given, calls=calls),
-        "implicit jvp by x0": _timed(_jvp, *given, s.x0, calls=calls),
-        "implicit vjp by x0": _timed(_vjp_state, *given, by_plan, calls=calls),
-        "implicit vjp by x0 and body": _timed(_vjp_body, *given, by_plan, calls=calls),
-        "implicit vjp by x0 and the whole problem": _timed(_vjp_all, *given, by_plan, calls=calls),
-    }
-    side_by_side = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (LANES, *jnp.shape(leaf))), (given, by_plan))
-    few = max(calls // LANES, 20)
-    for name, function, arguments in (
-        ("sqp iteration", _iteration, side_by_side[0]),
-        ("implicit vjp by x0 and body", _vjp_body, (*side_by_side[0], side_by_side[1])),
-        ("implicit vjp by x0 and the whole problem", _vjp_all, (*side_by_side[0], side_by_side[1])),
-    ):
-        results[f"{LANES} lanes, {name}"] = _timed(jax.vmap(function), *arguments, calls=few)
+    results = _timed(calls, {
+        "sqp iteration": (_iteration, *given),
+        "implicit jvp by x0": (_jvp, *given, s.x0),
+        "implicit vjp by x0": (_vjp_state, *given, by_plan),
+        "implicit vjp by x0 and body": (_vjp_body, *given, by_plan),
+        "implicit vjp by x0 and the whole problem": (_vjp_all, *given, by_plan),
+    })  # fmt: skip
+    lanes, seeds = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (LANES, *jnp.shape(leaf))), (given, by_plan))
+    results |= _timed(max(calls // LANES, 20), {
+        f"{LANES} lanes, sqp iteration": (jax.vmap(_iteration), *lanes),
+        f"{LANES} lanes, implicit vjp by x0 and body": (jax.vmap(_vjp_body), *lanes, seeds),
+        f"{LANES} lanes, implicit vjp by x0 and the whole problem": (jax.vmap(_vjp_all), *lanes, seeds),
+    })  # fmt: skip
     for count in UNROLLED:
         name = f"unrolled vjp by x0 and body, {count} iterations"
-        results[name] = _timed(_unrolled(count), *given, by_plan, calls=max(calls // count, 20))
+        pair = {"sqp iteration": (_iteration, *given), name: (_unrolled(count), *given, by_plan)}
+        results[name] = _timed(max(calls // count, 20), pair)[name]
     return {"stages": plan.us.shape[0], "converged": int(found.status) == 0, "programs": results}
 
 
-def _timed(function: Program, *arguments: Any, calls: int) -> dict[str, float | int]:
-    program = compiled(function)
-    memory = program.lower(*arguments).compile().memory_analysis()  # pyright: ignore[reportFunctionMemberAccess]
-    return {**milliseconds(program, *arguments, calls=calls), "temporary_kb": memory.temp_size_in_bytes // 1000}
+def _timed(calls: int, functions: dict[str, tuple[Any, ...]]) -> dict[str, dict[str, float | int]]:
+    programs = {name: (compiled(function), *arguments) for name, (function, *arguments) in functions.items()}
+    figures = in_turn(programs, calls)
+    for name, (program, *arguments) in programs.items():
+        memory = program.lower(*arguments).compile().memory_analysis()
+        figures[name]["temporary_kb"] = memory.temp_size_in_bytes // 1000
+    return figures
 
 
 def _iteration(problem: PushProblem, x0: Array, plan: Plan) -> Plan:

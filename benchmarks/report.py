@@ -88,7 +88,7 @@ def _rows(measured: Mapping[str, Any]) -> Iterator[Row]:
         yield Row(f"batch of {lanes}: memory", memory, record["lanes"] == 256)
         yield Row(f"batch of {lanes}: compile", f"{record['compile_s']:.1f} s", False)
     for name, times in measured.get("gradients", {"programs": {}})["programs"].items():
-        yield Row(f"plan's derivative: {name}", f"{_spread(times)}, {times['temporary_kb']} kB", "whole" in name)
+        yield Row(f"plan's derivative: {name}", f"{_derivative(times)}", "body" in name and "unr" not in name)
     if "physics" in measured:
         yield from _physics_rows(measured["physics"])
 
@@ -118,6 +118,10 @@ def _physics_rows(physics: Mapping[str, Any]) -> Iterator[Row]:
     what = f"physics, MJX, {cold['lanes']} lanes: compile"
     yield Row(f"{what}, cold", f"{cold['compile_s']:.1f} s", False)
     yield Row(f"{what}, compiled before", f"{cached['compile_s']:.1f} s", False)
+
+
+def _derivative(times: dict[str, Any]) -> str:
+    return f"{_spread(times)}, {times['ratio']:.2f} iterations, {times['temporary_kb']} kB"
 
 
 def _spread(times: Mapping[str, float]) -> str:

@@ -22,18 +22,37 @@ def milliseconds(program: Callable[..., Any], *arguments: Any, calls: int) -> di
       calls: number of calls that count.
 
     Returns:
-      min, median and p90 in ms, and the number of calls.
+      min, median and p90 in ms, the number of calls, and the ratio to itself, 1 (see `in_turn`).
     """
-    placed = jax.device_put(arguments)
-    for _ in range(WARM_UP):
-        jax.block_until_ready(program(*placed))
-    taken = np.empty(calls)
-    for i in range(calls):
-        start = time.perf_counter()
-        jax.block_until_ready(program(*placed))
-        taken[i] = time.perf_counter() - start
-    low, median, high = (1e3 * float(v) for v in (taken.min(), np.median(taken), np.quantile(taken, 0.9)))
-    return {"min": round(low, 4), "median": round(median, 4), "p90": round(high, 4), "calls": calls}
+    return in_turn({"": (program, *arguments)}, calls)[""]
+
+
+def in_turn(programs: dict[str, tuple[Any, ...]], calls: int) -> dict[str, dict[str, float | int]]:
+    """The same for programs that are to be compared: each round calls every one, so all see the same machine.
+
+    Args:
+      programs: by name, a result of `compiled` and its arguments.
+      calls: rounds that count.
+
+    Returns:
+      For each name the figures of `milliseconds`, and `ratio`: the median of its time to the first program's, round
+      by round.
+    """
+    placed = {name: (program, jax.device_put(arguments)) for name, (program, *arguments) in programs.items()}
+    taken = np.empty((WARM_UP + calls, len(placed)))
+    for i in range(len(taken)):
+        for j, (program, arguments) in enumerate(placed.values()):
+            start = time.perf_counter()
+            jax.block_until_ready(program(*arguments))
+            taken[i, j] = time.perf_counter() - start
+    counted = 1e3 * taken[WARM_UP:]
+    ratios = np.median(counted / counted[:, :1], axis=0)
+    return {name: _figures(counted[:, j], float(ratios[j])) for j, name in enumerate(placed)}
+
+
+def _figures(taken: np.ndarray, ratio: float) -> dict[str, float | int]:
+    low, median, high = (round(float(v), 4) for v in (taken.min(), np.median(taken), np.quantile(taken, 0.9)))
+    return {"min": low, "median": median, "p90": high, "calls": len(taken), "ratio": round(ratio, 3)}
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
