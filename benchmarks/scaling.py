@@ -57,8 +57,9 @@ def draw(path: Path, measured: Mapping[str, Any]) -> None:
         found = measured[axis]
         size, ms = (np.array([point[name] for point in found["points"]]) for name in ("size", "ms"))
         along = np.linspace(0.0, size.max(), 100)[1:] if axis != "lanes" else np.geomspace(SATURATED, size.max(), 100)
-        place.plot(along, found["base_ms"] + found["slope_ms"] * along, "-", color="0.6", lw=1)
-        place.plot(size, ms, "o", ms=4)
+        line = found["base_ms"] + found["slope_ms"] * along
+        place.plot(along, line, "-", color="0.6", lw=1, label="straight line, fitted")
+        place.plot(size, ms, "o", ms=4, label="measured")
         if axis == "lanes":
             place.set_xscale("log", base=2)
             place.set_yscale("log")
@@ -66,8 +67,10 @@ def draw(path: Path, measured: Mapping[str, Any]) -> None:
             place.set_xlim(left=0.0)
             place.set_ylim(bottom=0.0)
         place.set_xlabel(label)
-        place.set_title(f"exponent {found['exponent']:.2f}", fontsize=9)
-    places[0].set_ylabel("ms, all lanes")
+        off = f"off the line by {100 * found['deviation']:.0f} % at most"
+        place.set_title(off if axis == "lanes" else f"{LANES} lanes, {off}", fontsize=9)
+    places[0].set_ylabel("one iteration of all lanes [ms]")
+    places[0].legend(frameon=False, fontsize=9)
     figure.savefig(path, dpi=100)
     pyplot.close(figure)
 

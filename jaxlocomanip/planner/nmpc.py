@@ -91,18 +91,7 @@ def tick(
     present = task.in_formation(measured.formation)
     shapes = present.shapes
     estimate, parameters, obstacles, force, watched = observe(state, measured, present, config)
-    aim = state.path.aim
-    progress = reference.advance(
-        state.progress,
-        state.path,
-        estimate.pose,
-        estimate.twist,
-        aim.goal.pose,
-        jnp.stack([aim.goal.position_tolerance, aim.goal.heading_tolerance]),
-        horizon.tick,
-        config.reference,
-    )
-    progress = select(jnp.any(measured.contact), progress, reference.apart(state.progress))
+    progress = _advanced(state, estimate, measured, config)
     warm = shift(state.solver, horizon.tick / horizon.dt)
     gaps = keeping.gaps_of(estimate, measured.offset, obstacles, shapes, config)
     kept = select(changed, keeping.regrouped(state.kept, gaps), keeping.watch(state.kept, gaps, horizon.tick))
@@ -145,6 +134,22 @@ def tick(
     if count(task.formations) > 1:
         new = regrouping(new, measured, task, config)
     return new, new.command, decided.report
+
+
+def _advanced(state: PlannerState, estimate: ObjectEstimate, measured: Measurement, config: PlannerConfig) -> Progress:
+    """The progress after this tick; a team out of touch does not get on."""
+    aim = state.path.aim
+    progress = reference.advance(
+        state.progress,
+        state.path,
+        estimate.pose,
+        estimate.twist,
+        aim.goal.pose,
+        jnp.stack([aim.goal.position_tolerance, aim.goal.heading_tolerance]),
+        config.horizon.tick,
+        config.reference,
+    )
+    return select(jnp.any(measured.contact), progress, reference.apart(state.progress))
 
 
 def _command(

@@ -89,6 +89,7 @@ def draw_figure(path: Path, name: str, scenario: Scenario, result: Result) -> No
             _frame(axes, episode, outcome, last=i == len(panels) - 1)
             draw(axes, episode)
             axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+            axes.set_xlim(0.0, _shown_until(episode, outcome))
         figure.align_ylabels()
         figure.suptitle(f"{name}:  {verdict(outcome)}", fontsize=13, x=0.012, ha="left")
         figure.savefig(picture, format="png")
@@ -111,6 +112,12 @@ def verdict(outcome: Outcome) -> str:
     return f"{ending}{touched};  least clearance: {kept}" if kept else ending
 
 
+def _shown_until(episode: History, outcome: Outcome) -> float:
+    """End of the time axes [s]: soon after the arrival, since nothing happens from then on."""
+    last = float(episode.log.time[-1])
+    return min(last, 1.1 * float(outcome.reach_time_s) + 1.0) if outcome.reached else last
+
+
 def _frame(axes: Axes, episode: History, outcome: Outcome, last: bool) -> None:
     """What the time series have in common: the time axis, the grid and the instant of arrival."""
     axes.grid(color="0.92", lw=0.8)
@@ -131,15 +138,15 @@ def _forces(axes: Axes, episode: History) -> None:
         if walking:
             _measured_force(axes, episode, i, name)
         else:
-            axes.plot(log.time, log.command.force[:, i], color=color, lw=0.7, alpha=0.55)
-            axes.plot(log.time, log.view.force[:, i], color=color, label=name)
+            axes.plot(log.time, log.view.force[:, i], color=color, lw=2.4, alpha=0.45, label=name)
+            axes.plot(log.time, log.command.force[:, i], color=_darker(color), lw=0.9)
         axes.axhline(float(scenario.team.force_max[i]), color=color, lw=0.9, ls="--")
     if walking:
         axes.plot([], [], color="0.4", lw=0.5, label="measured")
         axes.plot([], [], color="0.4", lw=1.8, label=f"its {STRIDE:g} s mean")
         axes.plot([], [], color="0.2", lw=1.0, label="commanded")
     else:
-        axes.plot([], [], color="0.4", lw=0.7, alpha=0.7, label="commanded")
+        axes.plot([], [], color="0.2", lw=0.9, label="commanded")
     axes.plot([], [], **_LIMIT, label=r"$F_{\max}$")
     axes.set_ylim(top=1.08 * float(max(np.max(log.view.force), np.max(scenario.team.force_max))))
     axes.set_ylabel("push force\n[N]")
@@ -149,10 +156,14 @@ def _measured_force(axes: Axes, episode: History, i: int, name: str) -> None:
     """What a walking robot exerts: its footfalls faintly, and the mean over a stride beside what was asked for."""
     log = episode.log
     color = unit(palette.robot_color(i))
-    dark = tuple(0.5 * part for part in color)
     axes.plot(log.time, log.view.force[:, i], color=color, lw=0.5, alpha=0.35, zorder=1.5)
     axes.plot(log.time, stride_mean(log.view.force[:, i], log.time), color=color, lw=1.8, label=name)
-    axes.plot(log.time, log.command.force[:, i], color=dark, lw=1.0, zorder=2.5)
+    axes.plot(log.time, log.command.force[:, i], color=_darker(color), lw=1.0, zorder=2.5)
+
+
+def _darker(color: tuple[float, float, float]) -> tuple[float, float, float]:
+    red, green, blue = color
+    return 0.5 * red, 0.5 * green, 0.5 * blue
 
 
 def _offsets(axes: Axes, episode: History) -> None:

@@ -88,18 +88,21 @@ def _pushing(episode: History) -> list[Plot]:
         forces.append(Line(f"{name}/exerted", f"{name} exerted", log.view.force[:, i], color))
         offsets.append(Line(name, name, log.view.offset[:, i], color))
     distance, turn = goal_errors(scenario, log.view.pose)
-    errors = [
-        Line("position", "position, m", distance, THIRD),
-        Line("heading", "heading, rad", turn, SECOND),
-        _still("position_tolerance", "position tolerance, m", scenario.goal.position_tolerance),
-        _still("heading_tolerance", "heading tolerance, rad", scenario.goal.heading_tolerance),
+    away = [
+        Line("position", "object", distance, THIRD),
+        _still("position_tolerance", "tolerance", scenario.goal.position_tolerance),
+    ]
+    turned = [
+        Line("heading", "object", turn, SECOND),
+        _still("heading_tolerance", "tolerance", scenario.goal.heading_tolerance),
     ]
     bodies = log.view.bodies is not None
     pushes = _contact_forces(episode) if bodies else [Plot("Pushing", "pushing/force", "Push force, N", forces)]
     return [
         *pushes,
         Plot("Pushing", "pushing/contact_offset", "Contact offset along the face, m", offsets),
-        Plot("Pushing", "pushing/goal_error", "Distance to the goal", errors),
+        Plot("Pushing", "pushing/distance", "Distance to the goal, m", away),
+        Plot("Pushing", "pushing/heading", "Heading away from the goal's, rad", turned),
     ]
 
 
