@@ -30,8 +30,20 @@ T = TypeVar("T")
 
 _LARGE = 1e9  # far from overflow in float32, also when squared
 _SMALL = 1e-6  # a positive number that stays one in float32, also when squared
-_SWITCH = (0.0, 1.0)
 _DEFAULT_RANGE = (0.0, _LARGE)
+
+SWITCHES = (
+    "Constraints.clf_normalised",
+    "Reference.plan_path",
+    "Reference.second_start",
+    "Reference.change_faces",
+    "Adaptation.on_prediction",
+    "Adaptation.breakaway",
+    "SafetyFilter.enabled",
+    "Protection.object",
+    "Protection.robots",
+)
+"""Settings, by class and field, of which only 0 and 1 mean anything."""
 
 RANGES: Mapping[str, tuple[float, float]] = MappingProxyType(
     {
@@ -41,26 +53,21 @@ RANGES: Mapping[str, tuple[float, float]] = MappingProxyType(
         "Horizon.dt": (1e-3, 1.0),
         "Horizon.smoothing": (_SMALL, 1.0),
         "Barrier.switch": (_SMALL, _LARGE),
-        "Constraints.clf_normalised": _SWITCH,
+        **dict.fromkeys(SWITCHES, (0.0, 1.0)),
         "Reference.speed": (1e-3, 10.0),
         "Reference.turn_rate": (1e-3, 10.0),
         "Reference.walk_fraction": (1e-3, 1.0),
         "Reference.lead": (1e-3, _LARGE),
         "Reference.settle": (1e-3, _LARGE),
         "Reference.clearance": (0.1, _LARGE),
-        "Reference.plan_path": _SWITCH,
         "Reference.replan": (1e-3, 3600.0),
-        "Adaptation.on_prediction": _SWITCH,
         "Adaptation.prior_friction": (0.0, 2.0),
         "Adaptation.max_friction": (0.0, 2.0),
         "Adaptation.mass_range": (1.0, 100.0),
         "Estimation.pose_gain": (0.0, 1.0),
         "Estimation.twist_gain": (0.0, 1.0),
         "Estimation.obstacle_noise": (_SMALL, _LARGE),
-        "SafetyFilter.enabled": _SWITCH,
         "SafetyFilter.friction": (1e-3, 2.0),
-        "Protection.object": _SWITCH,
-        "Protection.robots": _SWITCH,
     }
 )
 """Allowed values, both ends included, by class and field; whatever is not listed must be >= 0."""

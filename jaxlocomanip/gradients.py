@@ -66,6 +66,8 @@ class SoftOutcome:
     """[] squared distance to the goal at the end"""
     heading_error_rad2: Array
     """[] squared heading error at the end"""
+    alive: Array
+    """[] bool: all numbers were finite to the end; else the others are those of the ticks before"""
 
 
 @pytree
@@ -253,4 +255,5 @@ def _summary(end: Episode, scenario: Scenario, ticks: int) -> SoftOutcome:
         time_s=sums.time,
         goal_error_m2=jnp.sum(off[:2] ** 2),
         heading_error_rad2=wrap_angle(off[2]) ** 2,
+        alive=end.loop.tally.nonfinite == 0,
     )

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxlocomanip.checked import InputError, nearest
-from jaxlocomanip.config_file import RANGES
+from jaxlocomanip.config_file import RANGES, SWITCHES
 from jaxlocomanip.planner.config import Barrier, PlannerConfig
 
 SPAN = math.log(10.0)
@@ -59,12 +59,7 @@ def knobs_of(config: PlannerConfig, names: Sequence[str]) -> Knobs:
         below = [i for i, one in enumerate(dotted) if one == name or one.startswith((f"{name}.", f"{name}["))]
         if not below:
             raise InputError(f"tune = {name!r}: no setting has this name{nearest(name, groups | set(dotted))}")
-        ends = [_range(config, dotted[i]) for i in below]
-        free = [
-            i
-            for i, end in zip(below, ends, strict=True)
-            if end != (0.0, 1.0) and float(leaves[i][1]) + _floor(config, dotted[i], leaves[i][1]) > 0.0
-        ]
+        free = [i for i in below if _is_free(config, dotted[i], leaves[i][1])]
         if not free:
             raise InputError(f"tune = {name!r}: is zero, which stays so, or a switch; nothing there can be tuned")
         chosen.update(free)
@@ -84,11 +79,7 @@ def turned(config: PlannerConfig, knobs: Knobs, logarithms: Array) -> PlannerCon
         # The derivative passes the bounds: what starts at one, or was driven there by noise, has to find the way back.
         leaves[place] = value + jax.lax.stop_gradient(jnp.clip(value, low, high) - value)
     new = structure.unflatten(leaves)
-    reaching = {
-        field.name: _reaching(value) if isinstance(value := getattr(new.constraints, field.name), Barrier) else value
-        for field in dataclasses.fields(new.constraints)
-    }
-    return dataclasses.replace(new, constraints=dataclasses.replace(new.constraints, **reaching))
+    return _consistent(new, knobs)
 
 
 def as_numbers(config: PlannerConfig) -> PlannerConfig:
@@ -96,8 +87,21 @@ def as_numbers(config: PlannerConfig) -> PlannerConfig:
     return jax.tree.map(lambda leaf: float(f"{float(leaf):.6g}"), config)
 
 
-def _reaching(barrier: Barrier) -> Barrier:
-    return dataclasses.replace(barrier, reach=jnp.maximum(jnp.asarray(barrier.reach), REACH * barrier.switch))
+def _consistent(config: PlannerConfig, knobs: Knobs) -> PlannerConfig:
+    """The configuration with what has to be larger than a knob raised where it no longer is."""
+    turned_here, constraints, pace = set(knobs.names), config.constraints, config.reference
+    for name in (field.name for field in dataclasses.fields(constraints)):
+        barrier = getattr(constraints, name)
+        if isinstance(barrier, Barrier) and {f"constraints.{name}.{k}" for k in ("switch", "reach")} & turned_here:
+            reach = jnp.maximum(jnp.asarray(barrier.reach), REACH * barrier.switch)
+            constraints = dataclasses.replace(constraints, **{name: dataclasses.replace(barrier, reach=reach)})
+    if {"reference.arrive", "reference.leave"} & turned_here:
+        pace = dataclasses.replace(pace, leave=jnp.maximum(jnp.asarray(pace.leave), pace.arrive))
+    return dataclasses.replace(config, constraints=constraints, reference=pace)
+
+
+def _is_free(config: PlannerConfig, name: str, value: Any) -> bool:
+    return _kind(config, name) not in SWITCHES and float(value) + _floor(config, name, value) > 0.0
 
 
 def _range(config: PlannerConfig, name: str) -> tuple[float, float]:

@@ -51,12 +51,13 @@ def loss(outcome: SoftOutcome, scenario: Scenario, objective: Objective) -> Arra
     arrival = jnp.log1p(outcome.goal_error_m2 / goal.position_tolerance**2)
     arrival += jnp.log1p(outcome.heading_error_rad2 / goal.heading_tolerance**2)
     time = outcome.time_s / scenario.duration
-    return (
+    total = (
         objective.danger * missing
         + objective.arrival * arrival
         + objective.time * time
         + objective.effort * outcome.effort_n2s
     )
+    return jnp.where(outcome.alive, total, WORST)
 
 
 def picked(scenarios: Scenario, lanes: NDArray[np.integer[Any]]) -> Scenario:
@@ -95,14 +96,15 @@ class Losses:
             values += part[: total - first].tolist()
         return float(np.mean(values))
 
-    def slopes(self, center: Floats, scenarios: Scenario) -> tuple[float, Floats]:
-        """Mean loss and mean of the lanes' clipped gradients [n]."""
+    def slopes(self, center: Floats, scenarios: Scenario) -> tuple[float, Floats, int]:
+        """Mean loss, mean of the lanes' clipped gradients [n], and how many lanes had none that is finite."""
         values, slopes = _slopes(jnp.asarray(center, jnp.float32), scenarios, *self._given, **self._static)
         rows = np.asarray(slopes, float)
-        rows = np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, 0.0)
+        finite = np.isfinite(rows).all(axis=1, keepdims=True)
+        rows = np.where(finite, rows, 0.0)
         norms = np.linalg.norm(rows, axis=1, keepdims=True)
         rows *= np.minimum(1.0, CLIP / np.maximum(norms, 1e-12))
-        return float(_finite(values).mean()), rows.mean(axis=0)
+        return float(_finite(values).mean()), rows.mean(axis=0), int(np.sum(~finite))
 
 
 def _finite(values: Array) -> Floats:

@@ -17,7 +17,6 @@ method, needs no gradients: it draws settings from a normal distribution, which 
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -30,8 +29,10 @@ from numpy.typing import NDArray
 
 from jaxlocomanip import checked
 from jaxlocomanip.checked import InputError, installing
+from jaxlocomanip.checkpoint import State, digest
+from jaxlocomanip.checkpoint import read as read_checkpoint
+from jaxlocomanip.checkpoint import write as write_checkpoint
 from jaxlocomanip.config_file import config_to_toml
-from jaxlocomanip.files import write_whole
 from jaxlocomanip.knobs import SPAN, as_numbers, knobs_of, turned
 from jaxlocomanip.objective import Losses, Objective, picked
 from jaxlocomanip.planner.config import PlannerConfig
@@ -45,6 +46,8 @@ NAMES = ("weights", "constraints", "adaptation.gain", "adaptation.low_pass", "ad
 """What is tuned by default: weights, barrier shapes, gains of the barrier functions, and the adaptation."""
 KEEP = 0.2
 """share of the old spread in that of the next generation of the cross-entropy method"""
+MOST = 1_000_000
+"""of whatever is counted"""
 LEAST_SPREAD = 0.02
 """that a setting's logarithm keeps"""
 
@@ -80,6 +83,10 @@ class Settings:
         """Episodes that one step costs."""
         return math.ceil(self.batch * (self.gradient_cost if self.method == "gradient" else self.population))
 
+    def spent(self, steps: int, held_out: int) -> int:
+        """Episodes after so many steps, with the looks at the held-out scenarios."""
+        return steps * self.episodes + (1 + steps // self.validate) * held_out
+
 
 @dataclasses.dataclass(frozen=True)
 class Tuned:
@@ -89,22 +96,8 @@ class Tuned:
     loss: float
     """on the held-out scenarios"""
     history: tuple[dict[str, float], ...]
-    """step, episodes and mean loss in training, and on the held-out scenarios where they were looked at"""
-
-
-@dataclasses.dataclass(frozen=True)
-class _State:
-    """What goes from step to step and into the checkpoint."""
-
-    step: int
-    center: Floats
-    """[n] logarithms"""
-    memory: tuple[Floats, ...]
-    """of the optimiser, or [n] the spread"""
-    best: Floats
-    """[n] logarithms of the least loss that was validated"""
-    best_loss: float
-    history: tuple[dict[str, float], ...]
+    """step, episodes so far, mean loss in training, gradients that were not finite, and the mean loss on the held-out
+    scenarios where they were looked at"""
 
 
 def tune(
@@ -136,10 +129,8 @@ def tune(
       InputError: unknown method or settings, a checkpoint of another run, or optax is not installed.
     """
     plan, aim = settings or Settings(), objective or Objective()
-    checked.one_of("method", plan.method, METHODS)
-    lanes = int(train.duration.shape[0])
-    if not 1 <= plan.batch <= lanes:
-        raise InputError(f"batch = {plan.batch}: must be >= 1 and <= the {lanes} training scenarios")
+    lanes, looked = int(train.duration.shape[0]), int(held_out.duration.shape[0])
+    _check(plan, lanes, looked)
     train, held_out = jax.tree.map(np.asarray, (train, held_out))  # batches are picked on the host
     knobs = knobs_of(config, plan.names)
     base = jax.tree.map(jnp.asarray, config)
@@ -150,22 +141,26 @@ def tune(
         "objective": vars(aim),
         "ticks": ticks,
         "from": config_to_toml(config),
+        "training scenarios": digest(train),
+        "held-out scenarios": digest(held_out),
     }
-    state = _read(checkpoint, about) or _begin(method, len(knobs.names), measure.mean(held_out))
+    state = read_checkpoint(checkpoint, about) or _begin(method, len(knobs.names), measure.mean(held_out), looked)
     for step in range(state.step, plan.steps):
         rng = np.random.default_rng([plan.seed, step])
         batch = picked(train, rng.choice(lanes, plan.batch, replace=False))
         center, memory, seen = method.step(state, batch, rng)
         state = dataclasses.replace(state, step=step + 1, center=center, memory=memory)
-        row = {"step": step + 1.0, "episodes": (step + 1.0) * plan.episodes, "train": seen}
-        if (step + 1) % plan.validate == 0 or step + 1 == plan.steps:
+        row = {"step": step + 1.0, "episodes": float(plan.spent(step + 1, looked)), **seen}
+        if (step + 1) % plan.validate == 0:
             row["held_out"] = measure.mean(held_out, center)
             if row["held_out"] < state.best_loss:
                 state = dataclasses.replace(state, best=center, best_loss=row["held_out"])
         state = dataclasses.replace(state, history=(*state.history, row))
         say(", ".join(f"{name} {value:.6g}" for name, value in row.items()))
         if checkpoint is not None:
-            _write(checkpoint, about, state)
+            write_checkpoint(checkpoint, about, state)
+    if state.step % plan.validate:
+        state = _last_look(state, measure.mean(held_out, state.center), looked)
     found = as_numbers(turned(base, knobs, jnp.asarray(state.best, jnp.float32)))
     return Tuned(found, state.best_loss, state.history)
 
@@ -187,14 +182,14 @@ class _Gradient:
         return _leaves(self._optimiser.init(jnp.zeros(count, jnp.float32)))
 
     def step(
-        self, state: _State, batch: Scenario, rng: np.random.Generator
-    ) -> tuple[Floats, tuple[Floats, ...], float]:
+        self, state: State, batch: Scenario, rng: np.random.Generator
+    ) -> tuple[Floats, tuple[Floats, ...], dict[str, float]]:
         del rng
-        seen, slope = self._measure.slopes(state.center, batch)
+        seen, slope, nonfinite = self._measure.slopes(state.center, batch)
         memory = self._structure.unflatten([jnp.asarray(leaf) for leaf in state.memory])
         update, memory = self._update(jnp.asarray(slope, jnp.float32), memory)
         new = np.clip(state.center + np.asarray(update, float), -SPAN, SPAN)
-        return new, _leaves(memory), seen
+        return new, _leaves(memory), {"train": seen, "nonfinite_gradients": float(nonfinite)}
 
 
 class _CrossEntropy:
@@ -208,59 +203,43 @@ class _CrossEntropy:
         return (np.full(count, self._plan.spread),)
 
     def step(
-        self, state: _State, batch: Scenario, rng: np.random.Generator
-    ) -> tuple[Floats, tuple[Floats, ...], float]:
+        self, state: State, batch: Scenario, rng: np.random.Generator
+    ) -> tuple[Floats, tuple[Floats, ...], dict[str, float]]:
         (spread,) = state.memory
         drawn = state.center + spread * rng.standard_normal((self._plan.population, len(state.center)))
         drawn = np.clip(drawn, -SPAN, SPAN)
         losses = self._measure.of(drawn, batch)
         elite = drawn[np.argsort(losses)[: self._plan.elite]]
         wide = np.maximum(KEEP * spread + (1.0 - KEEP) * elite.std(axis=0), LEAST_SPREAD)
-        return elite.mean(axis=0), (wide,), float(losses.mean())
+        return elite.mean(axis=0), (wide,), {"train": float(losses.mean())}
 
 
 def _leaves(tree: Any) -> tuple[Floats, ...]:
     return tuple(np.asarray(leaf) for leaf in jax.tree.leaves(tree))
 
 
-def _begin(method: _Gradient | _CrossEntropy, count: int, held_out: float) -> _State:
-    first = {"step": 0.0, "episodes": 0.0, "held_out": held_out}
-    return _State(0, np.zeros(count), method.start(count), np.zeros(count), held_out, (first,))
+def _check(plan: Settings, lanes: int, looked: int) -> None:
+    checked.one_of("method", plan.method, METHODS)
+    checked.whole("steps", plan.steps, 1, MOST)
+    checked.whole("validate", plan.validate, 1, MOST)
+    checked.whole("population", plan.population, 1, MOST)
+    checked.whole("elite", plan.elite, 1, plan.population)
+    if not 1 <= plan.batch <= lanes:
+        raise InputError(f"batch = {plan.batch}: must be >= 1 and <= the {lanes} training scenarios")
+    if looked < 1:
+        raise InputError("held_out: must have at least one scenario")
 
 
-def _write(path: Path, about: dict[str, Any], state: _State) -> None:
-    """Checkpoint of a step, whole."""
-    fields = {
-        **vars(state),
-        "center": state.center.tolist(),
-        "memory": [{"dtype": str(leaf.dtype), "values": leaf.tolist()} for leaf in state.memory],
-        "best": state.best.tolist(),
-    }
-    write_whole(path, json.dumps({"about": about, "state": fields}, indent=1) + "\n")
+def _last_look(state: State, held_out: float, looked: int) -> State:
+    """What is returned may also be the last settings; a run that goes on looks at them no sooner than at others."""
+    last = {**state.history[-1], "held_out": held_out}
+    last["episodes"] += looked
+    history = (*state.history[:-1], last)
+    if held_out < state.best_loss:
+        return dataclasses.replace(state, best=state.center, best_loss=held_out, history=history)
+    return dataclasses.replace(state, history=history)
 
 
-def _read(path: Path | None, about: dict[str, Any]) -> _State | None:
-    """State of a checkpoint; None where there is none."""
-    if path is None or not path.exists():
-        return None
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        before, fields = content["about"], content["state"]
-        state = _State(
-            fields["step"],
-            np.array(fields["center"], float),
-            tuple(np.array(leaf["values"], leaf["dtype"]) for leaf in fields["memory"]),
-            np.array(fields["best"], float),
-            fields["best_loss"],
-            tuple(fields["history"]),
-        )
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: cannot be read as a checkpoint ({error})") from error
-    now = json.loads(json.dumps(about))
-    for name in ("objective", "ticks", "from"):
-        if before[name] != now[name]:
-            raise InputError(f"{path}: is the checkpoint of a run with another {name}; choose another file")
-    # More steps than before are what going on is for.
-    if {**before["settings"], "steps": 0} != {**now["settings"], "steps": 0}:
-        raise InputError(f"{path}: is the checkpoint of a run with other settings; choose another file")
-    return state
+def _begin(method: _Gradient | _CrossEntropy, count: int, held_out: float, looked: int) -> State:
+    first = {"step": 0.0, "episodes": float(looked), "held_out": held_out}
+    return State(0, np.zeros(count), method.start(count), np.zeros(count), held_out, (first,))

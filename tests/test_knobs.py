@@ -42,7 +42,11 @@ def test_zeros_and_switches_are_not_tuned():
     paper = knobs_of(preset("paper"), NAMES)
     # The paper's planner does not adapt friction.
     assert "adaptation.gain[4]" not in paper.names and "adaptation.gain[3]" in paper.names
-    assert "constraints.clf_normalised" not in knobs_of(PlannerConfig(), NAMES).names
+    every = knobs_of(PlannerConfig(), ("weights", "constraints", "reference", "adaptation", "estimation", "safety"))
+    fields = {name.partition("[")[0].rpartition(".")[2] for name in every.names}
+    assert not fields & {"clf_normalised", "second_start", "change_faces", "breakaway", "on_prediction", "enabled"}
+    # From 0 to 1, but no switches.
+    assert {"pose_gain", "twist_gain"} <= fields
 
 
 def test_some_settings_leave_zero():
@@ -96,3 +100,12 @@ def test_the_derivative_is_that_of_a_logarithm():
 def test_bad_names_are_refused(name, text):
     with pytest.raises(InputError, match=text):
         knobs_of(PlannerConfig(), (name,))
+
+
+def test_a_team_sets_off_again_no_sooner_than_it_arrives():
+    config = PlannerConfig()
+    knobs = knobs_of(config, ("reference.arrive", "reference.leave"))
+    turn = [1.0 if name == "reference.arrive" else -1.0 for name in knobs.names]
+    new = as_numbers(turned(arrays(config), knobs, jnp.asarray(turn)))
+    assert new.reference.leave == new.reference.arrive > config.reference.leave
+    config_from_table(tomllib.loads(config_to_toml(new)))

@@ -1,5 +1,6 @@
 """The public names, and the examples of the README."""
 
+import os
 import re
 import subprocess
 import sys
@@ -106,6 +107,15 @@ def test_the_scenario_file_of_the_readme_is_correct():
     assert {"size", "footprint"} <= documented
 
 
-def test_the_quick_example_of_the_readme_runs(capsys):
-    exec(compile(code_blocks("python")[0], "README.md", "exec"), {"__name__": "readme"})
-    assert capsys.readouterr().out
+def _examples():
+    """The README's programs; what differentiates episodes takes minutes to compile."""
+    for text in code_blocks("python"):
+        slow = "soft_outcome" in text
+        yield pytest.param(text, marks=[pytest.mark.slow] if slow else [], id=re.sub(r"\W+", " ", text)[:30])
+
+
+@pytest.mark.parametrize("text", _examples())
+def test_the_examples_of_the_readme_run(capsys, monkeypatch, text):
+    monkeypatch.setattr(os, "environ", dict(os.environ))
+    exec(compile(text, "README.md", "exec"), {"__name__": "readme"})
+    assert "print" not in text or capsys.readouterr().out

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 import os
+import re
 import tomllib
 
 import jax
@@ -43,7 +44,7 @@ class Bowl:
         return float(self.each(np.zeros(2) if center is None else center, scenarios).mean())
 
     def slopes(self, center, scenarios):
-        return self.mean(scenarios, center), 2.0 * (center - TARGET)
+        return self.mean(scenarios, center), 2.0 * (center - TARGET), 0
 
 
 @pytest.fixture
@@ -70,7 +71,7 @@ def test_the_minimum_is_found(bowl, sets, plan):
     assert tuned.config.weights.offset == pytest.approx(start.weights.offset * math.exp(-0.7), rel=0.05)
     assert tuned.config.weights.twist == start.weights.twist
     assert tuned.loss == pytest.approx(min(row["held_out"] for row in tuned.history if "held_out" in row))
-    assert tuned.history[-1]["episodes"] == plan.steps * plan.episodes
+    assert tuned.history[-1]["episodes"] == plan.steps * plan.episodes + (1 + plan.steps // plan.validate) * 3
     # What comes out is a file for --config.
     assert config_from_table(tomllib.loads(config_to_toml(tuned.config))) == tuned.config
 
@@ -85,6 +86,15 @@ def test_a_stopped_run_goes_on_as_if_it_had_not_been(bowl, sets, plan, tmp_path)
     assert again == whole
 
 
+def test_stopping_between_two_looks_changes_nothing(bowl, sets, tmp_path):
+    """What is returned then has been looked at once more, but the run that goes on does not know of it."""
+    file, plan = tmp_path / "tune.json", GRADIENT
+    whole = tune(PlannerConfig(), *sets, 10, dataclasses.replace(plan, steps=10))
+    part = tune(PlannerConfig(), *sets, 10, dataclasses.replace(plan, steps=7), checkpoint=file)
+    assert "held_out" in part.history[-1]
+    assert tune(PlannerConfig(), *sets, 10, dataclasses.replace(plan, steps=10), checkpoint=file) == whole
+
+
 def test_checkpoints_of_other_runs_are_refused(bowl, sets, tmp_path):
     file, plan = tmp_path / "tune.json", Settings(NAMES, steps=2, batch=2)
     tune(PlannerConfig(), *sets, 10, plan, checkpoint=file)
@@ -92,10 +102,13 @@ def test_checkpoints_of_other_runs_are_refused(bowl, sets, tmp_path):
         ({"settings": dataclasses.replace(plan, rate=0.3)}, "other settings"),
         ({"ticks": 11}, "another ticks"),
         ({"objective": Objective(time=2.0)}, "another objective"),
+        ({"train": sets[1]}, "another training scenarios"),
+        ({"held_out": sets[0]}, "another held-out scenarios"),
+        ({"settings": dataclasses.replace(plan, steps=1)}, "has 2 steps already, more than 1"),
     ):
-        given = {"ticks": 10, "settings": plan} | change
+        given = {"train": sets[0], "held_out": sets[1], "ticks": 10, "settings": plan} | change
         with pytest.raises(InputError, match=text):
-            tune(PlannerConfig(), *sets, checkpoint=file, **given)
+            tune(PlannerConfig(), checkpoint=file, **given)
     file.write_text(json.dumps({"about": 3}))
     with pytest.raises(InputError, match="cannot be read as a checkpoint"):
         tune(PlannerConfig(), *sets, 10, plan, checkpoint=file)
@@ -103,7 +116,7 @@ def test_checkpoints_of_other_runs_are_refused(bowl, sets, tmp_path):
 
 def test_settings_that_only_fit_the_training_scenarios_are_not_kept(bowl, sets, monkeypatch):
     def other_way(self, center, scenarios):
-        return self.mean(scenarios, center), -2.0 * (center - TARGET)
+        return self.mean(scenarios, center), -2.0 * (center - TARGET), 0
 
     monkeypatch.setattr(Bowl, "slopes", other_way)
     tuned = tune(PlannerConfig(), *sets, 10, Settings(NAMES, steps=10, batch=2))
@@ -123,6 +136,34 @@ def test_the_command_leaves_a_file_for_config(bowl, tiny_study, tmp_path, monkey
     # Once more: nothing is left to do.
     assert cli.main(command) == 0
     assert "step" not in capsys.readouterr().err
+
+
+def test_held_out_scenarios_share_no_draw_with_training(bowl, tiny_study, tmp_path, monkeypatch):
+    """All points of a study have the same draws, so the next lane may differ from the last in one number only."""
+    study, seen = tmp_path / "tiny.toml", []
+    study.write_text(tiny_study + '\n[[axes]]\nparameter = "truth.friction"\nvalues = [0.2, 0.3, 0.4]\n')
+    monkeypatch.setattr(os, "environ", os.environ.copy())
+    monkeypatch.setattr(tuning, "tune", lambda config, *sets, **_: seen.extend(sets) or pytest.fail("seen"))
+    sizes = ["--train", "4", "--held-out", "2", "--batch", "2"]
+    with pytest.raises(pytest.fail.Exception):
+        cli.main(["tune", str(study), "--out", str(tmp_path / "out"), *sizes])
+    assert seen[0].index.tolist() == [0, 1, 2, 3] and seen[1].index.tolist() == [6, 7]
+
+
+@pytest.mark.parametrize("command", ["tune", "falsify"])
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        ('world = "quadruped"\n', "world = 'quadruped': must be planar for this command"),
+        ('[[variants]]\nname = "a"\n', "has variants, which this command does not try"),
+    ],
+)
+def test_what_a_study_asks_for_is_not_passed_over(tiny_study, tmp_path, monkeypatch, capsys, command, line, text):
+    study = tmp_path / "tiny.toml"
+    study.write_text(line + tiny_study if "world" in line else tiny_study + line)
+    monkeypatch.setattr(os, "environ", os.environ.copy())
+    assert cli.main([command, str(study), "--out", str(tmp_path / "out")]) == 2
+    assert text in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -147,6 +188,15 @@ def test_bad_settings_are_refused(sets):
         tune(PlannerConfig(), *sets, 10, Settings(NAMES, batch=6))
     with pytest.raises(InputError, match="method = 'sgd'"):
         tune(PlannerConfig(), *sets, 10, Settings(NAMES, method="sgd"))
+    for change, text in (
+        ({"validate": 0}, "validate = 0: must be a whole number >= 1"),
+        ({"elite": 17}, "elite = 17: must be a whole number >= 1 and <= 16"),
+        ({"steps": 2.5}, "steps = 2.5: must be a whole number"),
+    ):
+        with pytest.raises(InputError, match=re.escape(text)):
+            tune(PlannerConfig(), *sets, 10, Settings(NAMES, **change))
+    with pytest.raises(InputError, match="held_out: must have at least one scenario"):
+        tune(PlannerConfig(), sets[0], jax.tree.map(lambda leaf: leaf[:0], sets[1]), 10, Settings(NAMES, batch=2))
 
 
 def outcome(**changes):
@@ -158,6 +208,7 @@ def outcome(**changes):
         "time_s": 1.5,
         "goal_error_m2": 0.01,
         "heading_error_rad2": 0.01,
+        "alive": True,
     }
     return SoftOutcome(**jax.tree.map(jnp.asarray, values | changes))
 
@@ -176,6 +227,8 @@ def test_the_loss_knows_what_is_better(make_scenario):
     assert of(clearance_m=-0.1) > of(goal_error_m2=0.2)
     assert of(team_clearance_m=-0.1) == pytest.approx(of(clearance_m=-0.1), rel=0.01)
     assert of(clearance_m=1.0) == pytest.approx(of(clearance_m=2.0), rel=1e-4)
+    # Nothing that an episode did before its numbers were lost makes up for that.
+    assert of(alive=False) == WORST > of(clearance_m=-1.0, goal_error_m2=100.0)
 
 
 @pytest.mark.slow

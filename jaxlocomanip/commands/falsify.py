@@ -54,9 +54,8 @@ def run(arguments: argparse.Namespace) -> None:
     from jaxlocomanip import config_file
     from jaxlocomanip.falsification import Search, falsify
     from jaxlocomanip.random_worst import sample_worst
-    from jaxlocomanip.sampling.study import find_study
 
-    study = find_study(arguments.study)
+    study = options.planar_study(arguments.study)
     config = config_file.without(config_file.named_config(arguments.config), arguments.without)
     out = prepare_directory(arguments.out)
     search = Search(

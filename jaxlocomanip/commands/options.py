@@ -5,8 +5,12 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import sys
+from typing import TYPE_CHECKING
 
 from jaxlocomanip.checked import SEED_LIMIT, InputError, installing
+
+if TYPE_CHECKING:
+    from jaxlocomanip.sampling.study import Study
 
 
 def seed(text: str) -> int:
@@ -62,6 +66,22 @@ def refuse_missing_viewers(record: bool, hint: str = "") -> bool:
     if record and not (drawable and importlib.util.find_spec("rerun") is not None):
         raise InputError(f"recording needs the view extra: {installing('view')}{hint}")
     return drawable
+
+
+def planar_study(name: str) -> Study:
+    """A study whose scenarios alone are meant, in the planar world.
+
+    Raises:
+      InputError: it does not exist, or asks for another world or for planners of its own, which would not be used.
+    """
+    from jaxlocomanip.sampling.study import find_study
+
+    study = find_study(name)
+    if study.world != "planar":
+        raise InputError(f"study '{study.name}': world = {study.world!r}: must be planar for this command")
+    if study.data.get("variants"):
+        raise InputError(f"study '{study.name}': has variants, which this command does not try; say --config instead")
+    return study
 
 
 def say(text: str) -> None:

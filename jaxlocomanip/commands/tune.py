@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     count("--steps", 40, "changes of the settings; a larger number goes on with a run that has ended")
     count("--batch", 8, "training scenarios that each step sees, drawn at random")
     count("--train", 64, "training scenarios: the first N of the study")
-    count("--held-out", 32, "scenarios after those, never trained on, by which the best settings are chosen")
+    count("--held-out", 32, "scenarios of later draws, never trained on, by which the best settings are chosen")
     add("--seed", type=options.seed, default=0, help="of the scenarios and of the steps (default: %(default)s)")
 
 
@@ -48,11 +48,10 @@ def run(arguments: argparse.Namespace) -> None:
     from jaxlocomanip.knobs import changes, knobs_of
     from jaxlocomanip.padding import stack
     from jaxlocomanip.sampling.sampler import draw
-    from jaxlocomanip.sampling.study import find_study
     from jaxlocomanip.sweep.plan import longest, padding
     from jaxlocomanip.tuning import METHODS, NAMES, Settings, tune
 
-    study, config = find_study(arguments.study), named_config(arguments.config)
+    study, config = options.planar_study(arguments.study), named_config(arguments.config)
     settings = Settings(
         names=tuple(arguments.tune or NAMES),
         method=checked.one_of("method", arguments.method, METHODS),
@@ -63,7 +62,11 @@ def run(arguments: argparse.Namespace) -> None:
     knobs = knobs_of(config, settings.names)
     out = prepare_directory(arguments.out)
     say(f"{study.name}: {len(knobs.names)} settings, {arguments.train} + {arguments.held_out} scenarios\n")
-    lanes = [draw(study, arguments.seed, k).scenario for k in range(arguments.train + arguments.held_out)]
+    # Points of a study share their draws: what is held out begins with a draw that no training scenario has.
+    points = len(study.points)
+    first = math.ceil(arguments.train / points) * points
+    drawn = [*range(arguments.train), *range(first, first + arguments.held_out)]
+    lanes = [draw(study, arguments.seed, k).scenario for k in drawn]
     tuned = tune(
         config,
         stack(lanes[: arguments.train], padding(study)),
@@ -74,6 +77,8 @@ def run(arguments: argparse.Namespace) -> None:
         say=lambda text: say(f"{text}\n"),
     )
     write_whole(out / "tuned.toml", config_to_toml(tuned.config))
-    print(f"loss on the held-out scenarios: {tuned.history[0]['held_out']:.4g} before, {tuned.loss:.4g} after")
-    for name, (before, after) in changes(config, tuned.config, knobs).items():
-        print(f"  {name}: {before:.4g} -> {after:.4g}")
+    print(
+        f"loss on the held-out scenarios, by which the best was chosen: {tuned.history[0]['held_out']:.4g} before, {tuned.loss:.4g} after"
+    )
+    for name, (old, new) in changes(config, tuned.config, knobs).items():
+        print(f"  {name}: {old:.4g} -> {new:.4g}")

@@ -89,7 +89,7 @@ def draw_figure(path: Path, name: str, scenario: Scenario, result: Result) -> No
             _frame(axes, episode, outcome, last=i == len(panels) - 1)
             draw(axes, episode)
             axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-            axes.set_xlim(0.0, _shown_until(episode, outcome))
+            axes.set_xlim(*_shown(episode, outcome))
         figure.align_ylabels()
         figure.suptitle(f"{name}:  {verdict(outcome)}", fontsize=13, x=0.012, ha="left")
         figure.savefig(picture, format="png")
@@ -112,10 +112,10 @@ def verdict(outcome: Outcome) -> str:
     return f"{ending}{touched};  least clearance: {kept}" if kept else ending
 
 
-def _shown_until(episode: History, outcome: Outcome) -> float:
-    """End of the time axes [s]: soon after the arrival, since nothing happens from then on."""
-    last = float(episode.log.time[-1])
-    return min(last, 1.1 * float(outcome.reach_time_s) + 1.0) if outcome.reached else last
+def _shown(episode: History, outcome: Outcome) -> tuple[float, float]:
+    """The time axes [s]: until soon after the arrival, since nothing happens from then on."""
+    last = max(float(episode.log.time[-1]), 1e-3)
+    return 0.0, min(last, 1.1 * float(outcome.reach_time_s) + 1.0) if outcome.reached else last
 
 
 def _frame(axes: Axes, episode: History, outcome: Outcome, last: bool) -> None:
