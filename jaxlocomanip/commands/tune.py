@@ -77,8 +77,7 @@ def run(arguments: argparse.Namespace) -> None:
         say=lambda text: say(f"{text}\n"),
     )
     write_whole(out / "tuned.toml", config_to_toml(tuned.config))
-    print(
-        f"loss on the held-out scenarios, by which the best was chosen: {tuned.history[0]['held_out']:.4g} before, {tuned.loss:.4g} after"
-    )
+    before = tuned.history[0]["held_out"]
+    print(f"loss on the held-out scenarios, by which the best was chosen: {before:.4g} before, {tuned.loss:.4g} after")
     for name, (old, new) in changes(config, tuned.config, knobs).items():
         print(f"  {name}: {old:.4g} -> {new:.4g}")
