@@ -170,6 +170,8 @@ def test_what_a_study_asks_for_is_not_passed_over(tiny_study, tmp_path, monkeypa
     ("arguments", "text"),
     [
         (["--method", "newton"], "method = 'newton': must be one of gradient, cem"),
+        (["--rate", "0"], "argument --rate: '0' must be a number > 0 and <= 1"),
+        (["--rate", "fast"], "argument --rate: 'fast' must be a number > 0 and <= 1"),
         (["--tune", "weight"], "tune = 'weight': no setting has this name; did you mean 'weights'?"),
         (["--batch", "9", "--train", "8"], "batch = 9: must be >= 1 and <= the 8 training scenarios"),
     ],

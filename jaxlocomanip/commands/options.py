@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import math
 import sys
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,17 @@ def whole(text: str, low: int, high: int) -> int:
     if not text.isascii() or not text.isdigit() or len(text) > 10 or not low <= int(text) <= high:
         raise argparse.ArgumentTypeError(f"{text!r} must be a whole number from {low} to {high}")
     return int(text)
+
+
+def fraction(text: str) -> float:
+    """A number above 0 and up to 1, for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value <= 1.0:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a number > 0 and <= 1")
+    return value
 
 
 def add_count(parser: argparse.ArgumentParser, name: str, default: int, text: str) -> None:

@@ -32,6 +32,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--method", default="gradient", help="gradient (default; needs the tune extra), or cem, without gradients")
     count("--steps", 40, "changes of the settings; a larger number goes on with a run that has ended")
     count("--batch", 8, "training scenarios that each step sees, drawn at random")
+    add(
+        "--rate",
+        type=options.fraction,
+        default=0.05,
+        metavar="R",
+        help="of a gradient step: about the change of a logarithm (default: %(default)s)",
+    )
     count("--train", 64, "training scenarios: the first N of the study")
     count("--held-out", 32, "scenarios of later draws, never trained on, by which the best settings are chosen")
     add("--seed", type=options.seed, default=0, help="of the scenarios and of the steps (default: %(default)s)")
@@ -56,6 +63,7 @@ def run(arguments: argparse.Namespace) -> None:
         names=tuple(arguments.tune or NAMES),
         method=checked.one_of("method", arguments.method, METHODS),
         steps=arguments.steps,
+        rate=arguments.rate,
         batch=arguments.batch,
         seed=arguments.seed,
     )
