@@ -255,5 +255,5 @@ def _summary(end: Episode, scenario: Scenario, ticks: int) -> SoftOutcome:
         time_s=sums.time,
         goal_error_m2=jnp.sum(off[:2] ** 2),
         heading_error_rad2=wrap_angle(off[2]) ** 2,
-        alive=end.loop.tally.nonfinite == 0,
+        alive=end.loop.alive,
     )
