@@ -92,9 +92,13 @@ def task_of(scenario: Scenario) -> Task:
 
 
 def suited(config: PlannerConfig, world: World) -> PlannerConfig:
-    """Settings of the planner in a world: robots that sway need so much more room between them."""
-    safety = dataclasses.replace(config.safety, team_margin=config.safety.team_margin + world.sway)
-    return dataclasses.replace(config, safety=safety)
+    """Settings of the planner in a world: robots that sway need so much more room, to each other and to obstacles."""
+    safety, constraints = config.safety, config.constraints
+    safety = dataclasses.replace(
+        safety, margin=safety.margin + world.sway, team_margin=safety.team_margin + world.sway
+    )
+    constraints = dataclasses.replace(constraints, margin=constraints.margin + world.sway)
+    return dataclasses.replace(config, safety=safety, constraints=constraints)
 
 
 def begin(scenario: Scenario, config: PlannerConfig, key: Array, view: View) -> Loop:

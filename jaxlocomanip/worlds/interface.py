@@ -70,7 +70,7 @@ class World(Protocol):
     traceable: ClassVar[bool]
     """its functions can be compiled together with the planner; otherwise Python steps it, one scenario at a time"""
     sway: ClassVar[float]
-    """m, by which robots of this world sway about where they hold; they slide that much less near to each other"""
+    """m, by which robots of this world sway about where they hold: all margins of the planner are larger by that"""
 
     def prepare(self, scenarios: Scenario) -> World:
         """The world made ready for scenarios, outside any compiled program; its leaves get their batch axis.

@@ -46,11 +46,13 @@ def test_robots_start_a_short_way_off_their_faces(scenario):
     assert not np.asarray(view.contact).any() and not np.asarray(view.fallen).any()
 
 
-def test_the_planner_keeps_robots_that_sway_farther_apart(scenario):
-    world = load_world("quadruped", "c", batched=False)
-    margin = CONFIG.safety.team_margin
-    assert suited(CONFIG, world).safety.team_margin == pytest.approx(margin + SWAY)
-    assert suited(CONFIG, load_world("planar", None, batched=False)).safety.team_margin == pytest.approx(margin)
+def test_the_planner_keeps_robots_that_sway_farther_away():
+    def margins(config):
+        return np.array([config.safety.margin, config.safety.team_margin, config.constraints.margin])
+
+    for name, sway in (("quadruped", SWAY), ("planar", 0.0)):
+        world = load_world(name, "c" if name == "quadruped" else None, batched=False)
+        assert margins(suited(CONFIG, world)) == pytest.approx(margins(CONFIG) + sway)
 
 
 def test_the_team_walks_up_touches_and_pushes(scenario, result):
