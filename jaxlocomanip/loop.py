@@ -94,9 +94,7 @@ def task_of(scenario: Scenario) -> Task:
 def suited(config: PlannerConfig, world: World) -> PlannerConfig:
     """Settings of the planner in a world: robots that sway need so much more room, to each other and to obstacles."""
     safety, constraints = config.safety, config.constraints
-    safety = dataclasses.replace(
-        safety, margin=safety.margin + world.sway, team_margin=safety.team_margin + world.sway
-    )
+    safety = dataclasses.replace(safety, margin=safety.margin + world.sway, team_margin=safety.team_margin + world.sway)
     constraints = dataclasses.replace(constraints, margin=constraints.margin + world.sway)
     return dataclasses.replace(config, safety=safety, constraints=constraints)
 
