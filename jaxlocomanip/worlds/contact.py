@@ -45,6 +45,8 @@ class ContactSettings:
     """share of the planned velocity beyond the object's own that is followed"""
     plan_max: Floats = 0.2
     """m/s, most of it"""
+    slide_max: Floats = 0.25
+    """m/s, fastest offset rate that is followed: a faster one is still on its way when it is asked to turn back"""
     offset_gain: Floats = 3.0
     """1/s, on the error of the contact offset"""
     offset_max: Floats = 0.2
@@ -150,7 +152,7 @@ def command(
     wish = jnp.where(push.resting, 0.0, jnp.clip(wish, -settings.plan_max, settings.plan_max))
     ahead = jnp.sum(own * faces.normal, axis=-1) + wish + _closing(faces.gap, touched, engaged & push.resting, settings)
 
-    rate = jnp.where(engaged, push.offset_rate, 0.0)
+    rate = jnp.where(engaged, jnp.clip(push.offset_rate, -settings.slide_max, settings.slide_max), 0.0)
     lead = jnp.clip(state.offset + period * rate - faces.offset, -settings.offset_lead, settings.offset_lead)
     servo = jnp.clip(settings.offset_gain * lead, -settings.offset_max, settings.offset_max)
     aside = jnp.sum(own * tangent, axis=-1) + rate + servo

@@ -156,6 +156,16 @@ def test_an_offset_is_led_but_never_far(team, legged):
     np.testing.assert_allclose(aside, [0.1 + lead, -0.1 - lead], atol=1e-4)
 
 
+def test_no_offset_rate_is_followed_that_could_not_be_turned_back(team, legged):
+    faces = seen(team, legged, gap=(0.0, 0.0))
+    state = ask(contact.start(team, faces), team, faces)[0]
+    _, fast = ask(state, team, faces, pushing(rate=(0.5, -0.5)))
+    _, fastest = ask(state, team, faces, pushing(rate=(SETTINGS.slide_max, -SETTINGS.slide_max)))
+    np.testing.assert_allclose(fast.velocity, fastest.velocity)
+    _, aside = along(faces, fast)
+    np.testing.assert_allclose(aside, [SETTINGS.slide_max, -SETTINGS.slide_max], rtol=0.1)
+
+
 def test_once_arrived_robots_step_back_and_stand_until_woken(team, legged):
     rest = pushing((0.0, 0.0), resting=True)
     touching, apart = seen(team, legged, gap=(0.0, 0.0)), seen(team, legged, gap=(0.02, 0.02))
