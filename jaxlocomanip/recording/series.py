@@ -101,8 +101,8 @@ def _pushing(episode: History) -> list[Plot]:
     return [
         *pushes,
         Plot("Pushing", "pushing/contact_offset", "Contact offset along the face, m", offsets),
-        Plot("Pushing", "pushing/distance", "Distance to the goal, m", away),
-        Plot("Pushing", "pushing/heading", "Heading away from the goal's, rad", turned),
+        Plot("Goal", "goal/distance", "Distance to the goal, m", away),
+        Plot("Goal", "goal/heading", "Heading away from the goal's, rad", turned),
     ]
 
 

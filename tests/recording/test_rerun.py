@@ -61,6 +61,8 @@ def test_entities(recorded):
         "/pushing/force/0_aliengo/commanded",
         "/pushing/force/0_aliengo/exerted",
         "/pushing/contact_offset/1_go1",
+        "/goal/distance/position",
+        "/goal/heading/heading_tolerance",
         "/safety/clearance/object",
         "/safety/barrier/robots",
         "/adaptation/mass/estimate",
