@@ -51,7 +51,7 @@ def closest_approach(
     """
     config, noise = gradients.planning(config), jax.random.key(0) if key is None else key
     window = min(window, ticks)
-    kept = gradients.share_kept(config, memory)
+    kept = gradients.shares_kept(config, memory)
     # Without derivatives nothing of the episode is kept but what is asked for here.
     fixed, settings = jax.lax.stop_gradient((scenario, config))
     states, clearance = _recorded(fixed, settings, ticks, world, noise)

@@ -14,10 +14,12 @@ therefore lack what they change through the path.
 
 The world's friction is smoothed as the planner's is, because exact sticking passes no gradient on.
 
-Pushing is unstable, and a planner that is not settled after one iteration may be more so: over some seconds the
-derivative of a closed loop can grow beyond all numbers. With a finite `memory` it fades on its way back in time, as in
-truncated backpropagation: what a number did more than a few times that long ago no longer counts. It is then not the
-derivative of the outcome, but a direction that is finite.
+Pushing is unstable, and iterations that do not settle are more so: each tick's plan begins with the last one, and where
+one iteration a tick does not converge (the paper's settings) the derivative grows from tick to tick beyond all numbers.
+Two things keep it finite, of which it is then no longer the exact derivative but a direction. With `plans = 0` the plan
+that an iteration begins with counts as given: what is left is the derivative of one iteration, which for a plan that
+has converged is that of the plan. With a finite `memory` the rest fades on its way back in time as well, as in
+truncated backpropagation; but for what is believed of the object, which changes slowly and does not blow up.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ from jax import Array
 
 from jaxlocomanip import loop as closing
 from jaxlocomanip.loop import Loop
-from jaxlocomanip.numerics import Floats, pytree, safe_norm, select, wrap_angle
+from jaxlocomanip.numerics import Floats, T, pytree, safe_norm, select, wrap_angle
 from jaxlocomanip.outcome import gaps, nearest
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.scenario import Scenario
@@ -62,6 +64,8 @@ class SoftOutcome:
     """[] the same over pairs of robots"""
     time_s: Array
     """[] time outside the goal tolerances, which fade smoothly"""
+    off_goal: Array
+    """[] mean over the episode of how far from the goal the object is (`off_goal`)"""
     goal_error_m2: Array
     """[] squared distance to the goal at the end"""
     heading_error_rad2: Array
@@ -81,6 +85,17 @@ class Sums:
     largest: Array
     """[2] the largest exponents"""
     time: Array
+    off_goal: Array
+
+
+@pytree
+class Kept:
+    """Shares of derivatives that are left a tick earlier."""
+
+    motion: Array
+    """[] of those by the state of world and planner"""
+    plan: Array
+    """[] of those by the last tick's plan"""
 
 
 @pytree
@@ -100,6 +115,7 @@ def soft_outcome(
     world: PlanarWorld = WORLD,
     key: Array | None = None,
     memory: Floats = math.inf,
+    plans: Floats = 1.0,
 ) -> SoftOutcome:
     """Run one scenario in closed loop with the planar world; a pure function, to be differentiated, compiled, batched.
 
@@ -110,12 +126,13 @@ def soft_outcome(
       world: the planar world and its smoothing.
       key: of measurement noise; seed 0 by default.
       memory: s, time constant with which derivatives fade back in time; by default they do not.
+      plans: share, each tick, of the derivatives by the plan that an iteration begins with which is kept.
 
     Returns:
       The soft outcome.
     """
     config, noise = planning(config), jax.random.key(0) if key is None else key
-    kept = share_kept(config, memory)
+    kept = shares_kept(config, memory, plans)
     length = min(closing.ticks_per_search(config), ticks)
 
     def tick(carry: Episode, _: None) -> tuple[Episode, None]:
@@ -134,9 +151,10 @@ def planning(config: PlannerConfig) -> PlannerConfig:
     return dataclasses.replace(config, horizon=dataclasses.replace(config.horizon, rest_skips=False))
 
 
-def share_kept(config: PlannerConfig, memory: Floats) -> Array:
-    """Share of a derivative that is left a tick earlier."""
-    return jnp.exp(-config.horizon.tick / jnp.asarray(memory, jnp.result_type(float)))
+def shares_kept(config: PlannerConfig, memory: Floats, plans: Floats = 1.0) -> Kept:
+    """What is left of derivatives a tick earlier, by time constant, s, and share of those by plans."""
+    motion = jnp.exp(-config.horizon.tick / jnp.asarray(memory, jnp.result_type(float)))
+    return Kept(motion, motion * plans)
 
 
 def begin(scenario: Scenario, config: PlannerConfig, world: PlanarWorld, key: Array) -> Episode:
@@ -149,7 +167,7 @@ def begin(scenario: Scenario, config: PlannerConfig, world: PlanarWorld, key: Ar
 def nothing(scenario: Scenario) -> Sums:
     """Sums over no ticks."""
     zero, none = jnp.zeros((), scenario.start.dtype), jnp.zeros(2, scenario.start.dtype)
-    return Sums(zero, zero, none, none - FAR / SHARPNESS, zero)
+    return Sums(zero, zero, none, none - FAR / SHARPNESS, zero, zero)
 
 
 def searched(carry: Episode, scenario: Scenario, config: PlannerConfig) -> Episode:
@@ -189,14 +207,20 @@ def _fade_jvp(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tu
     return value, kept * change
 
 
-def faded(carry: Episode, kept: Array) -> Episode:
-    """The state of the loop and of the world with derivatives that fade; the sums keep theirs."""
+def _is_real(leaf: Array) -> bool:
+    return bool(jnp.issubdtype(leaf.dtype, jnp.floating))
 
-    def fade(leaf: Array) -> Array:
-        return _fade(leaf, kept) if jnp.issubdtype(leaf.dtype, jnp.floating) else leaf
 
-    loop, world, view = jax.tree.map(fade, (carry.loop, carry.world, carry.view))
-    return Episode(loop, world, view, carry.sums)
+def faded(carry: Episode, kept: Kept) -> Episode:
+    """The state of the loop and of the world with derivatives that fade; sums, and what is believed, keep theirs."""
+
+    def fade(tree: T, share: Array) -> T:
+        return jax.tree.map(lambda leaf: _fade(leaf, share) if _is_real(leaf) else leaf, tree)
+
+    loop, world, view = fade((carry.loop, carry.world, carry.view), kept.motion)
+    solver = fade(carry.loop.planner.solver, kept.plan)
+    planner = dataclasses.replace(loop.planner, solver=solver, parameters=carry.loop.planner.parameters)
+    return Episode(dataclasses.replace(loop, planner=planner), world, view, carry.sums)
 
 
 def _held(loop: Loop) -> Loop:
@@ -221,14 +245,21 @@ def _add(sums: Sums, view: View, target: Array, scenario: Scenario, time: Array,
     largest = jax.lax.stop_gradient(largest)
     more = jnp.stack([jnp.sum(jnp.exp(some - most)) for some, most in zip(near, largest, strict=True)])
     nearness = sums.nearness * jnp.exp(sums.largest - largest) + more
-    outside = jax.nn.sigmoid((safe_norm(_misfit(scenario, view.pose)) - 1.0) / ARRIVAL_WIDTH)
+    misfit = _misfit(scenario, view.pose)
+    outside = jax.nn.sigmoid((safe_norm(misfit) - 1.0) / ARRIVAL_WIDTH)
     return Sums(
         sums.path_error + jnp.sum(off * off),
         sums.effort + period * jnp.sum(view.force**2),
         nearness,
         largest,
         sums.time + period * outside,
+        sums.off_goal + off_goal(jnp.sum(misfit[:2] ** 2), misfit[2] ** 2),
     )
+
+
+def off_goal(position: Array, heading: Array) -> Array:
+    """How far from the goal squared errors are, given in squares of the tolerances: slopes are small far away."""
+    return jnp.log1p(position) + jnp.log1p(heading)
 
 
 def _misfit(scenario: Scenario, pose: Array) -> Array:
@@ -253,6 +284,7 @@ def _summary(end: Episode, scenario: Scenario, ticks: int) -> SoftOutcome:
         clearance_m=to_obstacles,
         team_clearance_m=between,
         time_s=sums.time,
+        off_goal=sums.off_goal / ticks,
         goal_error_m2=jnp.sum(off[:2] ** 2),
         heading_error_rad2=wrap_angle(off[2]) ** 2,
         alive=end.loop.alive,

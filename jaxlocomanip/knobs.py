@@ -15,7 +15,9 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
+from numpy.typing import NDArray
 
 from jaxlocomanip.checked import InputError, nearest
 from jaxlocomanip.config_file import RANGES, SWITCHES
@@ -23,8 +25,10 @@ from jaxlocomanip.planner.config import Barrier, PlannerConfig
 
 SPAN = math.log(10.0)
 """largest change of a logarithm: a setting stays between a tenth and ten times of what it was"""
-FLOORS = {"Barrier.weight": 0.1, "Constraints.margin": 0.01, "Adaptation.prior_friction": 0.05}
+FLOORS = {"Barrier.weight": 0.1, "Constraints.margin": 0.01, "Adaptation.prior_friction": 0.2}
 """of settings that may start at zero: an amount that begins to matter; they go up to nine times of it"""
+FIRST = 0.1
+"""logarithm at which the search of a setting that is zero begins: at zero itself some, like friction, have no derivative"""
 REACH = 1.05
 """a barrier reaches at least so many times as far as where its logarithm ends"""
 
@@ -41,6 +45,10 @@ class Knobs:
     """allowed values"""
     floors: tuple[float, ...]
     """of settings that start at zero; zero for the others"""
+
+    def first(self) -> NDArray[np.floating[Any]]:
+        """[n] logarithms at which a search begins."""
+        return np.where(np.array(self.floors) > 0.0, FIRST, 0.0)
 
 
 def knobs_of(config: PlannerConfig, names: Sequence[str]) -> Knobs:

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from jaxlocomanip.gradients import SoftOutcome, soft_outcome
+from jaxlocomanip.gradients import SoftOutcome, off_goal, soft_outcome
 from jaxlocomanip.knobs import Knobs, turned
 from jaxlocomanip.numerics import pytree
 from jaxlocomanip.planner.config import PlannerConfig
@@ -37,6 +37,8 @@ class Objective:
     """1/m, of clearance that is missing"""
     arrival: float = 1.0
     """of ln(1 + (error / tolerance)^2), for position and heading at the end"""
+    approach: float = 1.0
+    """of the mean of the same over the episode: what brings the object nearer shows at once, not only at the end"""
     time: float = 1.0
     """of the share of the time spent outside the goal tolerances"""
     effort: float = 1e-5
@@ -48,12 +50,13 @@ def loss(outcome: SoftOutcome, scenario: Scenario, objective: Objective) -> Arra
     goal, soft = scenario.goal, objective.softness
     clearances = jnp.stack([outcome.clearance_m, outcome.team_clearance_m])
     missing = jnp.sum(soft * jax.nn.softplus((objective.clearance - clearances) / soft))
-    arrival = jnp.log1p(outcome.goal_error_m2 / goal.position_tolerance**2)
-    arrival += jnp.log1p(outcome.heading_error_rad2 / goal.heading_tolerance**2)
+    position = outcome.goal_error_m2 / goal.position_tolerance**2
+    heading = outcome.heading_error_rad2 / goal.heading_tolerance**2
     time = outcome.time_s / scenario.duration
     total = (
         objective.danger * missing
-        + objective.arrival * arrival
+        + objective.arrival * off_goal(position, heading)
+        + objective.approach * outcome.off_goal
         + objective.time * time
         + objective.effort * outcome.effort_n2s
     )
@@ -71,6 +74,7 @@ class Losses:
     def __init__(
         self, base: PlannerConfig, knobs: Knobs, aim: Objective, ticks: int, batch: int, memory: float
     ) -> None:
+        """Of episodes of so many ticks; gradients fade with `memory`, s, and are of single iterations of plans."""
         self._given = (base, jax.tree.map(jnp.asarray, aim), jnp.asarray(memory))
         self._static = {"knobs": knobs, "ticks": ticks}
         self._batch = batch
@@ -115,7 +119,8 @@ def _finite(values: Array) -> Floats:
 def _loss_of(
     center: Array, scenario: Scenario, base: PlannerConfig, aim: Objective, memory: Array, knobs: Knobs, ticks: int
 ) -> Array:
-    return loss(soft_outcome(scenario, turned(base, knobs, center), ticks, memory=memory), scenario, aim)
+    outcome = soft_outcome(scenario, turned(base, knobs, center), ticks, memory=memory, plans=0.0)
+    return loss(outcome, scenario, aim)
 
 
 @partial(jax.jit, static_argnames=("knobs", "ticks"))

@@ -144,7 +144,7 @@ def tune(
         "training scenarios": digest(train),
         "held-out scenarios": digest(held_out),
     }
-    state = read_checkpoint(checkpoint, about) or _begin(method, len(knobs.names), measure.mean(held_out), looked)
+    state = read_checkpoint(checkpoint, about) or _begin(method, knobs.first(), measure.mean(held_out), looked)
     for step in range(state.step, plan.steps):
         rng = np.random.default_rng([plan.seed, step])
         batch = picked(train, rng.choice(lanes, plan.batch, replace=False))
@@ -240,6 +240,6 @@ def _last_look(state: State, held_out: float, looked: int) -> State:
     return dataclasses.replace(state, history=history)
 
 
-def _begin(method: _Gradient | _CrossEntropy, count: int, held_out: float, looked: int) -> State:
+def _begin(method: _Gradient | _CrossEntropy, center: Floats, held_out: float, looked: int) -> State:
     first = {"step": 0.0, "episodes": float(looked), "held_out": held_out}
-    return State(0, np.zeros(count), method.start(count), np.zeros(count), held_out, (first,))
+    return State(0, center, method.start(len(center)), np.zeros_like(center), held_out, (first,))

@@ -12,6 +12,7 @@ from jaxlocomanip.gradients import SHARPNESS, _fade, soft_outcome
 from jaxlocomanip.library import find
 from jaxlocomanip.padding import stack
 from jaxlocomanip.planner.config import Horizon, PlannerConfig, Reference
+from jaxlocomanip.planner.presets import preset
 from jaxlocomanip.sampling.sampler import sample
 from jaxlocomanip.sampling.study import find_study
 from jaxlocomanip.sweep.plan import padding
@@ -37,6 +38,7 @@ def total(outcome):
         + outcome.clearance_m
         + outcome.team_clearance_m
         + outcome.time_s
+        + outcome.off_goal
         + outcome.goal_error_m2
         + outcome.heading_error_rad2
     )
@@ -179,6 +181,47 @@ def test_a_short_memory_bounds_the_gradient(make_scenario):
     (value, whole), (same, little) = slope(jnp.inf), slope(0.02)
     assert value == same
     assert 0.0 < jnp.linalg.norm(little) < 1e-6 * jnp.linalg.norm(whole)
+
+
+@pytest.mark.slow
+def test_where_plans_converge_those_of_the_last_tick_do_not_count(x64, make_scenario):
+    """Once iterations have settled, a plan depends on its problem and not on where they began."""
+    scenario = strong(make_scenario(obstacles=NEAR))
+
+    def slope(iterations):
+        config = strong(PlannerConfig(horizon=Horizon(steps=5, sqp_iterations=iterations)))
+
+        @jax.jit
+        def by_truth(plans):
+            def error(truth):
+                return soft_outcome(dataclasses.replace(scenario, truth=truth), config, 25, plans=plans).off_goal
+
+            return jax.value_and_grad(error)(scenario.truth)
+
+        (value, whole), (same, given) = by_truth(1.0), by_truth(0.0)
+        assert value == same
+        whole, given = (np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(tree)]) for tree in (whole, given))
+        return np.linalg.norm(given - whole) / np.linalg.norm(whole)
+
+    assert slope(12) < 0.1 * slope(1)
+
+
+@pytest.mark.slow
+def test_iterations_that_do_not_settle_do_not_spoil_gradients_without_plans(make_scenario):
+    """The paper's settings, one iteration a tick."""
+    scenario, config = strong(make_scenario(obstacles=NEAR), jnp.float32), strong(preset("paper"), jnp.float32)
+
+    @jax.jit
+    def slope(plans):
+        def error(weights):
+            return soft_outcome(scenario, dataclasses.replace(config, weights=weights), 60, plans=plans).off_goal
+
+        return jax.grad(error)(config.weights)
+
+    whole, given = (np.array(jax.tree.leaves(slope(plans))) for plans in (1.0, 0.0))
+    assert np.isfinite(given).all()
+    assert 0.0 < np.abs(given).max() < 0.1
+    assert not np.abs(whole).max() < 10.0 * np.abs(given).max()
 
 
 def test_the_library_scenario_can_be_differentiated_by_any_of_its_parts():

@@ -208,6 +208,7 @@ def outcome(**changes):
         "clearance_m": 0.3,
         "team_clearance_m": 0.2,
         "time_s": 1.5,
+        "off_goal": 4.0,
         "goal_error_m2": 0.01,
         "heading_error_rad2": 0.01,
         "alive": True,
@@ -224,6 +225,7 @@ def test_the_loss_knows_what_is_better(make_scenario):
     assert of() < of(goal_error_m2=0.1) < of(goal_error_m2=1.0)
     assert of() < of(heading_error_rad2=0.5)
     assert of() < of(time_s=3.0)
+    assert of() < of(off_goal=5.0)
     assert of() < of(effort_n2s=1e4)
     # Ten centimetres of missing clearance outweigh arriving.
     assert of(clearance_m=-0.1) > of(goal_error_m2=0.2)
