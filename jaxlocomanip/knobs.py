@@ -28,7 +28,7 @@ SPAN = math.log(10.0)
 FLOORS = {"Barrier.weight": 0.1, "Constraints.margin": 0.01, "Adaptation.prior_friction": 0.2}
 """of settings that may start at zero: an amount that begins to matter; they go up to nine times of it"""
 FIRST = 0.1
-"""logarithm at which the search of a setting that is zero begins: at zero itself some, like friction, have no derivative"""
+"""logarithm at which the search of a setting that is zero begins: at zero itself friction has no derivative"""
 REACH = 1.05
 """a barrier reaches at least so many times as far as where its logarithm ends"""
 

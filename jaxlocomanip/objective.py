@@ -19,8 +19,8 @@ from jaxlocomanip.scenario import Scenario
 
 Floats = NDArray[np.floating[Any]]
 
-CLIP = 1.0
-"""largest norm of a lane's gradient"""
+TRIMMED = 0.25
+"""share of the lanes, at either end, whose derivatives do not count towards the mean"""
 WORST = 1e3
 """loss of an episode with numbers that are not finite"""
 
@@ -37,7 +37,7 @@ class Objective:
     """1/m, of clearance that is missing"""
     arrival: float = 1.0
     """of ln(1 + (error / tolerance)^2), for position and heading at the end"""
-    approach: float = 1.0
+    approach: float = 5.0
     """of the mean of the same over the episode: what brings the object nearer shows at once, not only at the end"""
     time: float = 1.0
     """of the share of the time spent outside the goal tolerances"""
@@ -101,14 +101,18 @@ class Losses:
         return float(np.mean(values))
 
     def slopes(self, center: Floats, scenarios: Scenario) -> tuple[float, Floats, int]:
-        """Mean loss, mean of the lanes' clipped gradients [n], and how many lanes had none that is finite."""
+        """Mean loss, trimmed mean of the lanes' gradients [n], and how many lanes had none that is finite."""
         values, slopes = _slopes(jnp.asarray(center, jnp.float32), scenarios, *self._given, **self._static)
         rows = np.asarray(slopes, float)
-        finite = np.isfinite(rows).all(axis=1, keepdims=True)
-        rows = np.where(finite, rows, 0.0)
-        norms = np.linalg.norm(rows, axis=1, keepdims=True)
-        rows *= np.minimum(1.0, CLIP / np.maximum(norms, 1e-12))
-        return float(_finite(values).mean()), rows.mean(axis=0), int(np.sum(~finite))
+        finite = np.isfinite(rows).all(axis=1)
+        return float(_finite(values).mean()), trimmed_mean(rows[finite]), int(np.sum(~finite))
+
+
+def trimmed_mean(rows: Floats) -> Floats:
+    """[n] mean of rows [B, n], in each column without the least and the largest; zero of no rows."""
+    off = int(TRIMMED * len(rows))
+    inner = np.sort(rows, axis=0)[off : len(rows) - off]
+    return inner.sum(axis=0) / max(len(inner), 1)
 
 
 def _finite(values: Array) -> Floats:

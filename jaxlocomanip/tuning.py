@@ -9,9 +9,10 @@ a random part of the training scenarios. The loss of a scenario is a smooth func
 errors at the goal, time and effort. The settings that are returned are those, of all that were validated, with the
 least loss on the scenarios that were held out.
 
-Pushing is unstable, and a few lanes have gradients many orders of magnitude larger than the others'. Each lane's
-gradient is therefore clipped by its norm before they are averaged and go to Adam. The method `cem`, the cross-entropy
-method, needs no gradients: it draws settings from a normal distribution, which moves to the best of them.
+Pushing is unstable, and a few lanes have gradients many orders of magnitude larger than the others'. Of each
+derivative the largest and the least quarters of the lanes are therefore left out of the mean that goes to Adam. The
+method `cem`, the cross-entropy method, needs no gradients: it draws settings from a normal distribution, which moves to
+the best of them.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ class Settings:
     """the best of them, which the distribution moves to"""
     spread: float = 0.3
     """standard deviation of the logarithms at the start"""
-    memory: float = 0.03
+    memory: float = 0.3
     """s, time constant with which gradients fade back in time (`gradients.soft_outcome`)"""
     gradient_cost: float = 8.0
     """episodes that take as long as one gradient, to count the budget by"""
@@ -166,7 +167,7 @@ def tune(
 
 
 class _Gradient:
-    """Adam on the mean of the lanes' clipped gradients."""
+    """Adam on the trimmed mean of the lanes' gradients."""
 
     def __init__(self, plan: Settings, measure: Losses) -> None:
         try:
