@@ -10,7 +10,7 @@ errors at the goal, time and effort. The settings that are returned are those, o
 least loss on the scenarios that were held out.
 
 Pushing is unstable, and a few lanes have gradients many orders of magnitude larger than the others'. Of each
-derivative the largest and the least quarters of the lanes are therefore left out of the mean that goes to Adam. The
+derivative the largest and the least quarters of the lanes are therefore left out of the mean that decides. The
 method `cem`, the cross-entropy method, needs no gradients: it draws settings from a normal distribution, which moves to
 the best of them.
 """
@@ -47,6 +47,8 @@ NAMES = ("weights", "constraints", "adaptation.gain", "adaptation.low_pass", "ad
 """What is tuned by default: weights, barrier shapes, gains of the barrier functions, and the adaptation."""
 KEEP = 0.2
 """share of the old spread in that of the next generation of the cross-entropy method"""
+MOMENTUM = 0.8
+"""share of the old in the running mean of gradients"""
 MOST = 1_000_000
 """of whatever is counted"""
 LEAST_SPREAD = 0.02
@@ -65,8 +67,8 @@ class Settings:
     """scenarios of a step"""
     validate: int = 5
     """steps between two validations"""
-    rate: float = 0.05
-    """of Adam: about the change of a logarithm in a step"""
+    rate: float = 0.2
+    """length of a step by gradient, in logarithms"""
     population: int = 16
     """settings drawn in a step of the cross-entropy method"""
     elite: int = 4
@@ -167,7 +169,7 @@ def tune(
 
 
 class _Gradient:
-    """Adam on the trimmed mean of the lanes' gradients."""
+    """Steps of one length against the running mean of the lanes' trimmed gradients."""
 
     def __init__(self, plan: Settings, measure: Losses) -> None:
         try:
@@ -175,7 +177,8 @@ class _Gradient:
         except ImportError as error:
             raise InputError(f"method = 'gradient': needs the tune extra: {installing('tune')}") from error
         self._measure = measure
-        self._optimiser = optax.adam(plan.rate)
+        # In logarithms settings are alike. Scaled one by one, as by Adam, those that hardly matter would walk at random.
+        self._optimiser = optax.chain(optax.ema(MOMENTUM), optax.normalize_by_update_norm(-plan.rate))
         self._update = jax.jit(self._optimiser.update)
         self._structure = jax.tree.structure(self._optimiser.init(jnp.zeros(1)))
 
