@@ -35,9 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--rate",
         type=options.fraction,
-        default=0.05,
+        default=0.2,
         metavar="R",
-        help="of a gradient step: about the change of a logarithm (default: %(default)s)",
+        help="length of a gradient step, in logarithms of the settings (default: %(default)s)",
     )
     count("--train", 64, "training scenarios: the first N of the study")
     count("--held-out", 32, "scenarios of later draws, never trained on, by which the best settings are chosen")
