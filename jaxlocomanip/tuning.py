@@ -177,7 +177,7 @@ class _Gradient:
         except ImportError as error:
             raise InputError(f"method = 'gradient': needs the tune extra: {installing('tune')}") from error
         self._measure = measure
-        # Settings are alike in logarithms. Scaled one by one, as by Adam, those that hardly matter would drift at random.
+        # Settings are alike in logarithms. Each scaled by itself, as by Adam, those that hardly matter would drift.
         self._optimiser = optax.chain(optax.ema(MOMENTUM), optax.normalize_by_update_norm(-plan.rate))
         self._update = jax.jit(self._optimiser.update)
         self._structure = jax.tree.structure(self._optimiser.init(jnp.zeros(1)))
