@@ -27,8 +27,8 @@ SPAN = math.log(10.0)
 """largest change of a logarithm: a setting stays between a tenth and ten times of what it was"""
 FLOORS = {"Barrier.weight": 0.1, "Constraints.margin": 0.01, "Adaptation.prior_friction": 0.2}
 """of settings that may start at zero: an amount that begins to matter; they go up to nine times of it"""
-FIRST = 0.1
-"""logarithm at which the search of a setting that is zero begins: at zero itself friction has no derivative"""
+FIRST = math.log(2.0)
+"""logarithm at which the search of a setting that is zero begins, at its floor: at zero there is nothing to be seen"""
 REACH = 1.05
 """a barrier reaches at least so many times as far as where its logarithm ends"""
 

@@ -33,7 +33,7 @@ class Objective:
     """m, wanted between bodies and obstacles, and between robots"""
     softness: float = 0.02
     """m, over which the penalty of less sets in"""
-    danger: float = 20.0
+    danger: float = 40.0
     """1/m, of clearance that is missing"""
     arrival: float = 1.0
     """of ln(1 + (error / tolerance)^2), for position and heading at the end"""
