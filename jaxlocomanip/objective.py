@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from numpy.typing import NDArray
+from scipy import stats
 
 from jaxlocomanip.gradients import SoftOutcome, off_goal, soft_outcome
 from jaxlocomanip.knobs import Knobs, turned
@@ -110,9 +111,7 @@ class Losses:
 
 def trimmed_mean(rows: Floats) -> Floats:
     """[n] mean of rows [B, n], in each column without the least and the largest; zero of no rows."""
-    off = int(TRIMMED * len(rows))
-    inner = np.sort(rows, axis=0)[off : len(rows) - off]
-    return inner.sum(axis=0) / max(len(inner), 1)
+    return stats.trim_mean(rows, TRIMMED, axis=0) if len(rows) else np.zeros(rows.shape[1])
 
 
 def _finite(values: Array) -> Floats:
