@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from jaxlocomanip.aiming import Aim, aims, straight_motion
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.random_worst import BATCH, TRIALS, Falsified, Keep, collisions, random_places
+from jaxlocomanip.random_worst import BATCH, TRIALS, Falsified, Keep, random_places, summed
 from jaxlocomanip.sampling.study import Study
 from jaxlocomanip.trials import Found, Place, Trials, place_at
 from jaxlocomanip.variation import Bounds
@@ -113,23 +113,32 @@ def falsify(
         raise InputError(f"search.drawn = {plan.drawn}: must be >= search.screened = {plan.screened}")
     trial = Trials(study, config, box, BATCH, plan.window, plan.memory)
     drawn = list(random_places(study, seed, plan.drawn, box))
-    rng = np.random.default_rng([seed, len(plan.aimed) + plan.rounds])
+    rng = _stream(seed, BEGUN, 0)
     begun = trial.run(_promising(drawn, plan.screened, plan.spread, float(config.reference.speed), box, rng))
     lanes = [_Lane(place, found) for place, found in begun]
     say(f"{plan.screened} of {plan.drawn} random scenarios: least clearance {min(map(_clearance, lanes)):.3f} m")
     kept(_so_far(lanes, plan, 0, 0))
     for number, count in enumerate(plan.aimed):
-        rng = np.random.default_rng([seed, number])
+        rng = _stream(seed, AIMED, number)
         lanes = _aimed(trial, lanes, count, plan.spread, box, rng)
         say(f"{count} with an obstacle in the way: {min(map(_clearance, lanes)):.3f} m")
         kept(_so_far(lanes, plan, number + 1, 0))
     lanes = sorted(lanes, key=_clearance)[: plan.lanes]
     for number in range(plan.rounds):
-        rng = np.random.default_rng([seed, len(plan.aimed) + number])
+        rng = _stream(seed, STEPPED, number)
         lanes = _improved(trial, lanes, plan, box, rng)
         say(f"gradients of {len(lanes)}: {min(map(_clearance, lanes)):.3f} m")
         kept(_so_far(lanes, plan, len(plan.aimed), number + 1))
     return _so_far(lanes, plan, len(plan.aimed), plan.rounds)
+
+
+BEGUN, AIMED, STEPPED = 1, 2, 3
+"""stages of a search, of which each has its own random numbers"""
+
+
+def _stream(seed: int, stage: int, number: int) -> np.random.Generator:
+    """Random numbers that neither another stage nor a scenario (`random_places`) draws."""
+    return np.random.default_rng([seed, number, stage])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,8 +158,8 @@ def _clearance(lane: _Lane) -> float:
 def _so_far(lanes: Sequence[_Lane], plan: Search, aimed: int, rounds: int) -> Falsified:
     """What a search has found after so many rounds of aims and of gradients."""
     done = dataclasses.replace(plan, aimed=plan.aimed[:aimed], rounds=rounds)
-    worst = tuple(sorted((lane.found for lane in lanes), key=lambda one: one.clearance)[: plan.lanes])
-    return Falsified(worst, done.episodes, collisions(worst), len(worst))
+    worst = sorted((lane.found for lane in lanes), key=lambda one: one.clearance)[: plan.lanes]
+    return summed(worst, worst, done.episodes)
 
 
 def _promising(

@@ -29,7 +29,9 @@ class Falsified:
     episodes: int
     """that it cost"""
     collisions: int
-    """scenarios that collided and were not merely run over"""
+    """scenarios that collided with an obstacle (`Found.collided`)"""
+    touches: int
+    """scenarios in which robots touched each other"""
     counted: int
     """of so many: of all random scenarios, but of `worst` alone after a search, which forgets the others"""
 
@@ -60,18 +62,19 @@ def sample_worst(
     box = bounds or Bounds()
     trial, places = Trials(study, config, box, BATCH), list(random_places(study, seed, episodes, box))
     every: list[Found] = []
-    found = Falsified((), 0, 0, 0)
+    found = summed((), (), 0)
     for first in range(0, episodes, BATCH):
         every += [one for _, one in trial.run(places[first : first + BATCH])]
         worst = tuple(sorted(every, key=lambda one: one.clearance)[:keep])
-        found = Falsified(worst, len(every), collisions(every), len(every))
+        found = summed(worst, every, len(every))
         kept(found)
     return found
 
 
-def collisions(found: Sequence[Found]) -> int:
-    """How many collided, and were not merely run over."""
-    return sum(one.collided and not one.run_over for one in found)
+def summed(worst: Sequence[Found], every: Sequence[Found], episodes: int) -> Falsified:
+    """What was found, with what happened in every scenario counted."""
+    collisions, touches = sum(one.collided for one in every), sum(one.touched for one in every)
+    return Falsified(tuple(worst), episodes, collisions, touches, len(every))
 
 
 def random_places(study: Study, seed: int, count: int, bounds: Bounds) -> Iterator[Place]:

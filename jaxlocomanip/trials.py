@@ -41,12 +41,23 @@ class Found:
     """of the measurement noise: `simulate(build(spec), config, seed=seed)` is this episode"""
     clearance: float
     """m, least distance of object and robots to the obstacles"""
-    collided: bool
+    team_clearance: float
+    """m, least distance of robots to each other"""
     run_over: bool
     """see `Outcome.run_over`"""
     reached: bool
     motion: Motion = dataclasses.field(compare=False, repr=False)
     """some instants of it"""
+
+    @property
+    def collided(self) -> bool:
+        """Whether object or robots overlapped an obstacle, and were not merely run over."""
+        return self.clearance < 0.0 and not self.run_over
+
+    @property
+    def touched(self) -> bool:
+        """Whether robots overlapped each other."""
+        return self.team_clearance < 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -167,7 +178,7 @@ def _found(place: Place, outcome: Outcome, motion: Motion, k: int) -> Found:
         spec=place.spec,
         seed=place.seed,
         clearance=float(min(outcome.min_object_clearance_m[k], outcome.min_robot_clearance_m[k])),
-        collided=bool(outcome.collided[k]),
+        team_clearance=float(outcome.min_team_clearance_m[k]),
         run_over=bool(outcome.run_over[k]),
         reached=bool(outcome.reached[k]),
         motion=motion,

@@ -34,8 +34,8 @@ along = { uniform = [0.3, 0.8] }
 half_size = 0.2
 """
 SMALL = Search(drawn=6, screened=6, aimed=(2, 2), lanes=3, rounds=3, steps=(0.1, 0.4))
-TOUCHING = 0.5
-"""m, made-up clearance below which a scenario counts as collided"""
+CLOSE = 0.1
+"""m, made-up clearance below which robots touch each other"""
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def study():
 def made_up(place):
     """Least for the heaviest object on the roughest floor."""
     mass, friction = place.spec.truth.mass, place.spec.truth.friction
-    return 1.0 - 0.05 * mass - 0.5 * friction
+    return 0.5 - 0.05 * mass - 0.5 * friction
 
 
 def stood(place):
@@ -63,7 +63,7 @@ def no_episodes(monkeypatch):
     def run(self, places):
         counts["episodes"] += len(places)
         pairs = [(place, made_up(place)) for place in places]
-        return [(one, Found(one.spec, one.seed, c, c < TOUCHING, False, True, stood(one))) for one, c in pairs]
+        return [(one, Found(one.spec, one.seed, c, c - CLOSE, False, True, stood(one))) for one, c in pairs]
 
     def gradients(self, places):
         counts["gradients"] += len(places)
@@ -84,7 +84,7 @@ def test_steps_go_down_to_the_bounds(study, no_episodes):
     assert found.worst[0].clearance < begun.worst[0].clearance
     assert [one.clearance for one in found.worst] == sorted(one.clearance for one in found.worst)
     assert len({one.spec.name for one in found.worst}) == SMALL.lanes
-    assert found.collisions == sum(one.clearance < TOUCHING for one in found.worst)
+    assert found.collisions == sum(one.clearance < 0.0 for one in found.worst)
     assert found.counted == SMALL.lanes
     for one in found.worst:
         assert 3.0 <= one.spec.truth.mass <= 12.0 and 0.15 <= one.spec.truth.friction <= 0.6
@@ -111,8 +111,9 @@ def test_random_sampling_begins_with_the_same_scenarios(study, no_episodes):
 
 def test_collisions_are_counted_among_all_random_scenarios(study, no_episodes):
     every, few = (sample_worst(study, PlannerConfig(), 20, keep=n) for n in (20, 2))
-    collided = sum(one.clearance < TOUCHING for one in every.worst)
-    assert 2 < collided < 20
+    collided, touched = (sum(one.clearance < limit for one in every.worst) for limit in (0.0, CLOSE))
+    assert 2 < collided < touched <= 20
+    assert every.touches == few.touches == touched
     assert (every.collisions, every.counted) == (few.collisions, few.counted) == (collided, 20)
     assert few.worst == every.worst[:2]
 
@@ -202,12 +203,16 @@ def test_the_command_leaves_scenarios(no_episodes, tmp_path, monkeypatch, capsys
         spec = load_scenario(out / row["file"])
         assert spec.name == row["scenario"]
         assert made_up(dataclasses.make_dataclass("Place", ["spec"])(spec)) == pytest.approx(row["clearance"])
-    assert "of the 2 scenarios kept collided, after 22 episodes" in capsys.readouterr().out
+    assert "of the 2 scenarios kept collided with an obstacle, in " in capsys.readouterr().out
+    (out / "worst-07.toml").write_text("of a longer search before")
+    (out / "worst-own.toml").write_text("of the user")
 
     assert cli.main(["falsify", str(file), "--out", str(out), "--random", *sizes]) == 0
-    text = capsys.readouterr().out.splitlines()[-1]
+    text = capsys.readouterr().out.splitlines()[-2]
     summary = json.loads((out / "worst.json").read_text())
-    assert text == f"{summary['collisions']} of 22 episodes collided; the 2 worst are kept"
+    counts = f"{summary['collisions']} of 22 episodes collided with an obstacle"
+    assert text == f"{counts}, in {summary['touches']} robots touched each other"
+    assert not (out / "worst-07.toml").exists() and (out / "worst-own.toml").exists()
     assert (summary["counted"], summary["episodes"], len(summary["worst"])) == (22, 22, 2)
 
 

@@ -22,6 +22,8 @@ DRAWN = 10
 """random scenarios among which one to begin with is chosen"""
 ROUNDS = 4
 """of scenarios with an obstacle in the way"""
+ROWS = ("seed", "clearance", "team_clearance", "collided", "touched", "run_over", "reached")
+"""what `worst.json` tells of a scenario"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -89,10 +91,12 @@ def _keep(out: Path, found: Falsified) -> None:
             {
                 "file": _file(number),
                 "scenario": one.spec.name,
-                **{k: v for k, v in vars(one).items() if k not in ("spec", "motion")},
+                **{name: getattr(one, name) for name in ROWS},
             }
         )
-    counts = {name: getattr(found, name) for name in ("episodes", "collisions", "counted")}
+    for stale in set(out.glob("worst-[0-9][0-9]*.toml")) - {out / str(row["file"]) for row in rows}:
+        stale.unlink()
+    counts = {name: getattr(found, name) for name in ("episodes", "collisions", "touches", "counted")}
     write_whole(out / "worst.json", json.dumps({**counts, "worst": rows}, indent=2) + "\n")
 
 
@@ -104,12 +108,12 @@ def _list(found: Falsified) -> None:
     """Print the scenarios, and how many collided."""
     for number, one in enumerate(found.worst):
         verdict = "run over" if one.run_over else "collided" if one.collided else "clear"
+        verdict += ", robots touched" if one.touched else ""
         print(f"{_file(number)}  {one.spec.name}  clearance {one.clearance:7.3f} m  {verdict}  --seed {one.seed}")
     kept = len(found.worst)
-    if found.counted > kept:
-        print(f"{found.collisions} of {found.counted} episodes collided; the {kept} worst are kept")
-    else:
-        print(f"{found.collisions} of the {kept} scenarios kept collided, after {found.episodes} episodes")
+    of = f"{found.counted} episodes" if found.counted > kept else f"the {kept} scenarios kept"
+    print(f"{found.collisions} of {of} collided with an obstacle, in {found.touches} robots touched each other")
+    print(f"{found.episodes} episodes, of which the {kept} worst are kept")
 
 
 def _record(path: Path, config: PlannerConfig, worst: tuple[Found, ...]) -> None:
