@@ -48,6 +48,8 @@ ARRIVAL_WIDTH = 0.2
 """fraction of the goal tolerances over which the soft time ends"""
 FAR = 10.0
 """m, clearance reported where there is nothing to hit"""
+CLOSE = 0.05
+"""m, clearance of which the lack adds up to crowding"""
 
 
 @pytree
@@ -59,9 +61,13 @@ class SoftOutcome:
     effort_n2s: Array
     """[] integral of the squared pushes"""
     clearance_m: Array
-    """[] soft minimum, over bodies, obstacles and ticks, of the distances between true shapes"""
+    """[] soft minimum, over bodies, obstacles and ticks, of the distances between true shapes: exact where it is held
+    throughout, and larger, by up to `SHARPNESS` ln(ticks), where they are close for a moment"""
     team_clearance_m: Array
     """[] the same over pairs of robots"""
+    crowding_m2s: Array
+    """[2] integral over time of the squared clearance missing to `CLOSE`, summed over bodies and obstacles, and over
+    pairs of robots: how near, and how long"""
     time_s: Array
     """[] time outside the goal tolerances, which fade smoothly"""
     off_goal: Array
@@ -84,6 +90,7 @@ class Sums:
     """[2] sums of exp(-distance / SHARPNESS) over obstacles and over robots, as multiples of the largest one so far"""
     largest: Array
     """[2] the largest exponents"""
+    crowding: Array
     time: Array
     off_goal: Array
 
@@ -143,7 +150,7 @@ def soft_outcome(
 
     start = begin(scenario, config, world, noise)
     end, _ = jax.lax.scan(jax.checkpoint(block), start, None, length=-(-ticks // length))
-    return _summary(end, scenario, ticks)
+    return _summary(end, scenario)
 
 
 def planning(config: PlannerConfig) -> PlannerConfig:
@@ -167,7 +174,7 @@ def begin(scenario: Scenario, config: PlannerConfig, world: PlanarWorld, key: Ar
 def nothing(scenario: Scenario) -> Sums:
     """Sums over no ticks."""
     zero, none = jnp.zeros((), scenario.start.dtype), jnp.zeros(2, scenario.start.dtype)
-    return Sums(zero, zero, none, none - FAR / SHARPNESS, zero, zero)
+    return Sums(zero, zero, none, none - FAR / SHARPNESS, none, zero, zero)
 
 
 def searched(carry: Episode, scenario: Scenario, config: PlannerConfig) -> Episode:
@@ -244,6 +251,7 @@ def _add(sums: Sums, view: View, target: Array, scenario: Scenario, time: Array,
     largest = jnp.maximum(sums.largest, jnp.stack([jnp.max(some) for some in near]))
     largest = jax.lax.stop_gradient(largest)
     more = jnp.stack([jnp.sum(jnp.exp(some - most)) for some, most in zip(near, largest, strict=True)])
+    missing = jnp.stack([jnp.sum(jnp.maximum(CLOSE - distances, 0.0) ** 2) for distances in (apart, team)])
     nearness = sums.nearness * jnp.exp(sums.largest - largest) + more
     misfit = _misfit(scenario, view.pose)
     outside = jax.nn.sigmoid((safe_norm(misfit) - 1.0) / ARRIVAL_WIDTH)
@@ -252,6 +260,7 @@ def _add(sums: Sums, view: View, target: Array, scenario: Scenario, time: Array,
         sums.effort + period * jnp.sum(view.force**2),
         nearness,
         largest,
+        sums.crowding + period * missing,
         sums.time + period * outside,
         sums.off_goal + off_goal(jnp.sum(misfit[:2] ** 2), misfit[2] ** 2),
     )
@@ -269,20 +278,23 @@ def _misfit(scenario: Scenario, pose: Array) -> Array:
     return jnp.concatenate([off[:2] / goal.position_tolerance, turn])
 
 
-def soft_clearances(sums: Sums, ticks: int) -> Array:
-    """[2] m, soft minima of the clearances to obstacles and between robots."""
+def soft_clearances(sums: Sums, ticks: Floats) -> Array:
+    """[2] m, soft minima of the clearances to obstacles and between robots over so many ticks."""
     # Per tick, so that a clearance held for the whole episode is reported as it is.
     return -SHARPNESS * (sums.largest + jnp.log(sums.nearness / ticks))
 
 
-def _summary(end: Episode, scenario: Scenario, ticks: int) -> SoftOutcome:
+def _summary(end: Episode, scenario: Scenario) -> SoftOutcome:
     sums, off = end.sums, end.view.pose - scenario.goal.pose
+    # A shorter episode than the others of its batch has fewer ticks.
+    ticks = jnp.maximum(end.loop.tally.ticks, 1).astype(off.dtype)
     to_obstacles, between = soft_clearances(sums, ticks)
     return SoftOutcome(
         path_error_m2=sums.path_error / ticks,
         effort_n2s=sums.effort,
         clearance_m=to_obstacles,
         team_clearance_m=between,
+        crowding_m2s=sums.crowding,
         time_s=sums.time,
         off_goal=sums.off_goal / ticks,
         goal_error_m2=jnp.sum(off[:2] ** 2),

@@ -30,12 +30,10 @@ WORST = 1e3
 class Objective:
     """Loss of a scenario, from its soft outcome."""
 
-    clearance: float = 0.05
-    """m, wanted between bodies and obstacles, and between robots"""
-    softness: float = 0.02
-    """m, over which the penalty of less sets in"""
-    danger: float = 40.0
-    """1/m, of clearance that is missing"""
+    danger: float = 5.0
+    """of ln(1 + crowding / crowded), for obstacles and for robots among themselves (`SoftOutcome.crowding_m2s`)"""
+    crowded: float = 1e-3
+    """m^2 s, of crowding: 5 cm that are missing for 0.4 s"""
     arrival: float = 1.0
     """of ln(1 + (error / tolerance)^2), for position and heading at the end"""
     approach: float = 5.0
@@ -47,15 +45,13 @@ class Objective:
 
 
 def loss(outcome: SoftOutcome, scenario: Scenario, objective: Objective) -> Array:
-    """[] loss of an episode: finite and, but for the missing clearance and the effort, of slow growth."""
-    goal, soft = scenario.goal, objective.softness
-    clearances = jnp.stack([outcome.clearance_m, outcome.team_clearance_m])
-    missing = jnp.sum(soft * jax.nn.softplus((objective.clearance - clearances) / soft))
+    """[] loss of an episode: finite and, but for the effort, of slow growth."""
+    goal = scenario.goal
     position = outcome.goal_error_m2 / goal.position_tolerance**2
     heading = outcome.heading_error_rad2 / goal.heading_tolerance**2
     time = outcome.time_s / scenario.duration
     total = (
-        objective.danger * missing
+        objective.danger * jnp.sum(jnp.log1p(outcome.crowding_m2s / objective.crowded))
         + objective.arrival * off_goal(position, heading)
         + objective.approach * outcome.off_goal
         + objective.time * time
