@@ -117,19 +117,21 @@ def falsify(
     begun = trial.run(_promising(drawn, plan.screened, plan.spread, float(config.reference.speed), box, rng))
     lanes = [_Lane(place, found) for place, found in begun]
     say(f"{plan.screened} of {plan.drawn} random scenarios: least clearance {min(map(_clearance, lanes)):.3f} m")
-    kept(_so_far(lanes, plan, 0, 0))
+    tried: list[int] = []
+    kept(_so_far(lanes, plan, tried, 0))
     for number, count in enumerate(plan.aimed):
         rng = _stream(seed, AIMED, number)
-        lanes = _aimed(trial, lanes, count, plan.spread, box, rng)
-        say(f"{count} with an obstacle in the way: {min(map(_clearance, lanes)):.3f} m")
-        kept(_so_far(lanes, plan, number + 1, 0))
+        lanes, shots = _aimed(trial, lanes, count, plan.spread, box, rng)
+        tried.append(shots)
+        say(f"{shots} with an obstacle in the way: {min(map(_clearance, lanes)):.3f} m")
+        kept(_so_far(lanes, plan, tried, 0))
     lanes = sorted(lanes, key=_clearance)[: plan.lanes]
     for number in range(plan.rounds):
         rng = _stream(seed, STEPPED, number)
         lanes = _improved(trial, lanes, plan, box, rng)
         say(f"gradients of {len(lanes)}: {min(map(_clearance, lanes)):.3f} m")
-        kept(_so_far(lanes, plan, len(plan.aimed), number + 1))
-    return _so_far(lanes, plan, len(plan.aimed), plan.rounds)
+        kept(_so_far(lanes, plan, tried, number + 1))
+    return _so_far(lanes, plan, tried, plan.rounds)
 
 
 BEGUN, AIMED, STEPPED = 1, 2, 3
@@ -155,9 +157,9 @@ def _clearance(lane: _Lane) -> float:
     return lane.found.clearance
 
 
-def _so_far(lanes: Sequence[_Lane], plan: Search, aimed: int, rounds: int) -> Falsified:
-    """What a search has found after so many rounds of aims and of gradients."""
-    done = dataclasses.replace(plan, aimed=plan.aimed[:aimed], rounds=rounds)
+def _so_far(lanes: Sequence[_Lane], plan: Search, tried: Sequence[int], rounds: int) -> Falsified:
+    """What a search has found after rounds with so many aims each, and so many of gradients."""
+    done = dataclasses.replace(plan, aimed=tuple(tried), rounds=rounds)
     worst = sorted((lane.found for lane in lanes), key=lambda one: one.clearance)[: plan.lanes]
     return summed(worst, worst, done.episodes)
 
@@ -176,8 +178,8 @@ def _promising(
 
 def _aimed(
     trial: Trials, lanes: Sequence[_Lane], count: int, spread: float, bounds: Bounds, rng: np.random.Generator
-) -> list[_Lane]:
-    """All lanes, those that promise the least clearance after a try with an obstacle in the object's way."""
+) -> tuple[list[_Lane], int]:
+    """All lanes, those that promise the least clearance after a try with an obstacle in the object's way; the tries."""
     every = [aims(lane.place.scenario, lane.place.coordinates, lane.found.motion, bounds) for lane in lanes]
     order = sorted((k for k in range(len(lanes)) if every[k]), key=lambda k: every[k][0].clearance + lanes[k].missed)
     chosen: list[tuple[int, Aim, Place]] = []
@@ -193,7 +195,7 @@ def _aimed(
         missed = found.clearance - aim.clearance
         better = found.clearance < lanes[k].found.clearance
         new[k] = _Lane(place, found, missed) if better else dataclasses.replace(lanes[k], missed=missed)
-    return new
+    return new, len(chosen)
 
 
 def _shot(

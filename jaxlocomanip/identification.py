@@ -1,6 +1,6 @@
 """An object's mass, friction and centre of mass from a recorded trajectory, by gradients through the planar world.
 
-    found = identify(recording_of(result.log), scenario)
+    found = identify(recording_of(result.log, tick=0.02), scenario, tick=0.02)
     found.body.mass, found.friction, found.body.com
 
 The recorded pushes are applied to the planar world again, and the unknowns are those under which its poses fit the
@@ -31,6 +31,8 @@ ROUNDS = ((0.3, 0.02), (0.15, 0.02), (0.07, 0.02), (0.03, 0.02), (0.01, 0.01), (
 """Share of each pose error by which the replay is drawn back to the recording, and friction's transition to rest in
 m/s. Pushing is unstable: left to itself, a long replay under a wrong guess ends anywhere, and its gradient with it.
 Wide transitions have no plateaus, narrow ones no bias."""
+LEAST_FRICTION = 0.01
+"""coefficient that an object which is believed to slide freely begins with: unknown are logarithms"""
 ROUND = 10
 """iterations of a round"""
 
@@ -87,7 +89,7 @@ class Identified:
     misfit: Array
     """[] root mean square of the pose errors in multiples of their standard deviations; about 1 for a good model"""
     step: Array
-    """[] largest component of the last Gauss-Newton step in multiples of the deviations; small: converged"""
+    """[6] another Gauss-Newton step, in multiples of the deviations and in their order; small: converged"""
 
 
 def recording_of(log: Log, tick: float, world: PlanarWorld | None = None) -> Recording:
@@ -182,37 +184,36 @@ def identify(
         values = jnp.concatenate([fitted.reshape(-1), _against_prior(unknowns, prior, known)])
         return values, values
 
-    def iterate(carry: tuple[Array, Array, Array], settings: Array) -> tuple[tuple[Array, Array, Array], None]:
-        unknowns, damping, _ = carry
+    def iterate(carry: tuple[Array, Array], settings: Array) -> tuple[tuple[Array, Array], None]:
+        unknowns, damping = carry
         rows, values = jax.jacfwd(errors, has_aux=True)(unknowns, settings)
         step = _damped(rows, values, damping)
         after = errors(unknowns + step, settings)[0]
         better = jnp.sum(after**2) < jnp.sum(values**2)
-        scale = 1.0 / jnp.sqrt(jnp.sum(rows * rows, axis=0))
-        size = jnp.max(jnp.abs(step) / scale)
         damping = jnp.where(better, damping * 0.2, jnp.minimum(damping * 8.0 + 1e-6, 1e6))
-        return (select(better, unknowns + step, unknowns), damping, jnp.where(better, size, carry[2])), None
+        return (select(better, unknowns + step, unknowns), damping), None
 
-    first = prior.at[6:9].set(0.0)
     rounds = jnp.repeat(jnp.asarray(ROUNDS, prior.dtype), ROUND, axis=0)
-    zero = jnp.zeros((), prior.dtype)
-    (unknowns, _, size), _ = jax.lax.scan(iterate, (first, zero + 1e-2, zero + jnp.inf), rounds)
+    (unknowns, _), _ = jax.lax.scan(iterate, (prior, jnp.asarray(1e-2, prior.dtype)), rounds)
     rows, values = jax.jacfwd(errors, has_aux=True)(unknowns, rounds[-1])
     body, _, _ = _unpack(unknowns, recording)
-    covariance = _damped_inverse(rows)
+    deviation = jnp.sqrt(jnp.diagonal(_covariance(rows)))
+    step = _damped(rows, values, jnp.zeros_like(deviation[0]))
     return Identified(
         body=body,
         friction=body.friction_force / (body.mass * GRAVITY),
-        deviation=jnp.sqrt(jnp.diagonal(covariance)[:6]),
+        deviation=deviation[:6],
         misfit=jnp.sqrt(jnp.mean(values[:-UNKNOWNS] ** 2)),
-        step=size,
+        step=(step / deviation)[:6],
     )
 
 
 def _prior(scenario: Scenario, known: Knowledge) -> Array:
-    """[UNKNOWNS] the belief, with the prior friction where none is stated."""
+    """[UNKNOWNS] the belief, with the prior friction where none is stated; where it is none at all, next to none."""
     body, radius = scenario.object.body, scenario.object.torsion_radius
-    force = jnp.where(scenario.object.friction_known, body.friction_force, known.coefficient * body.mass * GRAVITY)
+    weight = body.mass * GRAVITY
+    believed = jnp.maximum(body.friction_force, LEAST_FRICTION * weight)
+    force = jnp.where(scenario.object.friction_known, believed, known.coefficient * weight)
     logs = jnp.log(jnp.stack([body.mass, body.central_inertia, force, force * radius]))
     return jnp.concatenate([logs[:2], body.com, logs[2:], jnp.zeros(6, logs.dtype)])
 
@@ -257,7 +258,7 @@ def _damped(rows: Array, values: Array, damping: Array) -> Array:
     return cholesky_solve(cholesky(normal + damping * eye), right[:, None])[:, 0] / length
 
 
-def _damped_inverse(rows: Array) -> Array:
+def _covariance(rows: Array) -> Array:
     """[UNKNOWNS, UNKNOWNS] covariance of the fit."""
     normal, length = _scaled(rows)
     eye = jnp.eye(UNKNOWNS, dtype=rows.dtype)

@@ -29,7 +29,7 @@ class Falsified:
     episodes: int
     """that it cost"""
     collisions: int
-    """scenarios that collided with an obstacle (`Found.collided`)"""
+    """scenarios that collided with an obstacle (`Found.hit_obstacle`)"""
     touches: int
     """scenarios in which robots touched each other"""
     counted: int
@@ -73,7 +73,7 @@ def sample_worst(
 
 def summed(worst: Sequence[Found], every: Sequence[Found], episodes: int) -> Falsified:
     """What was found, with what happened in every scenario counted."""
-    collisions, touches = sum(one.collided for one in every), sum(one.touched for one in every)
+    collisions, touches = sum(one.hit_obstacle for one in every), sum(one.robots_touched for one in every)
     return Falsified(tuple(worst), episodes, collisions, touches, len(every))
 
 

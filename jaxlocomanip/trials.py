@@ -38,7 +38,7 @@ class Found:
 
     spec: ScenarioSpec
     seed: int
-    """of the measurement noise: `simulate(build(spec), config, seed=seed)` is this episode"""
+    """of the measurement noise: `simulate(build(spec), config, seed=seed)` is this episode, but for rounding"""
     clearance: float
     """m, least distance of object and robots to the obstacles"""
     team_clearance: float
@@ -50,12 +50,12 @@ class Found:
     """some instants of it"""
 
     @property
-    def collided(self) -> bool:
-        """Whether object or robots overlapped an obstacle, and were not merely run over."""
+    def hit_obstacle(self) -> bool:
+        """Whether object or robots overlapped an obstacle, and were not merely run over (`Outcome.run_over`)."""
         return self.clearance < 0.0 and not self.run_over
 
     @property
-    def touched(self) -> bool:
+    def robots_touched(self) -> bool:
         """Whether robots overlapped each other."""
         return self.team_clearance < 0.0
 

@@ -112,6 +112,7 @@ def tune(
     objective: Objective | None = None,
     checkpoint: Path | None = None,
     say: Callable[[str], None] = lambda text: None,
+    kept: Callable[[Tuned], None] = lambda tuned: None,
 ) -> Tuned:
     """Tune settings of a configuration.
 
@@ -124,6 +125,7 @@ def tune(
       objective: what is good.
       checkpoint: file that is written, whole, after every step; if it exists, tuning goes on from there.
       say: told of the progress, line by line.
+      kept: given the best so far whenever the held-out scenarios were looked at.
 
     Returns:
       The configuration of least loss on the held-out scenarios, which may be the one it started with.
@@ -147,6 +149,11 @@ def tune(
         "training scenarios": digest(train),
         "held-out scenarios": digest(held_out),
     }
+
+    def best(state: State) -> Tuned:
+        settings = as_numbers(turned(base, knobs, jnp.asarray(state.best, jnp.float32)))
+        return Tuned(settings, state.best_loss, state.history)
+
     state = read_checkpoint(checkpoint, about) or _begin(method, knobs.first(), measure.mean(held_out), looked)
     for step in range(state.step, plan.steps):
         rng = np.random.default_rng([plan.seed, step])
@@ -162,10 +169,11 @@ def tune(
         say(", ".join(f"{name} {value:.6g}" for name, value in row.items()))
         if checkpoint is not None:
             write_checkpoint(checkpoint, about, state)
+        if "held_out" in row:
+            kept(best(state))
     if state.step % plan.validate:
         state = _last_look(state, measure.mean(held_out, state.center), looked)
-    found = as_numbers(turned(base, knobs, jnp.asarray(state.best, jnp.float32)))
-    return Tuned(found, state.best_loss, state.history)
+    return best(state)
 
 
 class _Gradient:

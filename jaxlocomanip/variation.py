@@ -6,7 +6,7 @@
 
 Coordinates are, in this order: mass, friction, centre of mass (2), standard deviations of the noise on position,
 heading and obstacles, and for each obstacle its displacement (2) and the change of its velocity (2). Standing
-obstacles keep standing and absent ones stay absent.
+obstacles keep standing, those that follow waypoints keep their pace, and absent ones stay absent.
 """
 
 from __future__ import annotations
@@ -88,7 +88,9 @@ def quantities(scenario: Scenario, coordinates: Array, bounds: Bounds) -> Varied
     light, heavy = bounds.mass_ratio
     extent = jnp.max(jnp.abs(scenario.object.vertices), axis=0)
     moves = coordinates[BODY + NOISE :].reshape(-1, 4)
-    present, dynamic = scenario.obstacles.mask[:, None], scenario.obstacles.dynamic[:, None]
+    obstacles = scenario.obstacles
+    walking = jnp.any(obstacles.waypoints != 0.0, axis=(1, 2))
+    present, faster = obstacles.mask[:, None], (obstacles.mask & obstacles.dynamic & ~walking)[:, None]
     return Varied(
         mass=scenario.object.body.mass * light * (heavy / light) ** (0.5 * (coordinates[0] + 1.0)),
         friction=between(bounds.friction, coordinates[1]),
@@ -97,7 +99,7 @@ def quantities(scenario: Scenario, coordinates: Array, bounds: Bounds) -> Varied
         heading_std=between(bounds.heading_std, coordinates[5]),
         obstacle_std=between(bounds.obstacle_std, coordinates[6]),
         shift=jnp.where(present, bounds.shift * moves[:, :2], 0.0),
-        velocity=jnp.where(present & dynamic, bounds.velocity * moves[:, 2:], 0.0),
+        velocity=jnp.where(faster, bounds.velocity * moves[:, 2:], 0.0),
     )
 
 

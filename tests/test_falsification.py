@@ -5,11 +5,14 @@ import json
 import math
 import os
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxlocomanip import cli, falsification, random_worst
 from jaxlocomanip.aiming import Motion, straight_motion
+from jaxlocomanip.approach import closest_approach
 from jaxlocomanip.build import build
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.closed_loop import simulate
@@ -20,6 +23,7 @@ from jaxlocomanip.sampling.feasibility import judged
 from jaxlocomanip.sampling.study import parse_study
 from jaxlocomanip.specification import load_scenario
 from jaxlocomanip.trials import Found, Trials
+from jaxlocomanip.variation import Bounds, vary
 
 STUDY = """
 name = "breaking"
@@ -205,14 +209,17 @@ def test_the_command_leaves_scenarios(no_episodes, tmp_path, monkeypatch, capsys
         assert made_up(dataclasses.make_dataclass("Place", ["spec"])(spec)) == pytest.approx(row["clearance"])
     assert "of the 2 scenarios kept collided with an obstacle, in " in capsys.readouterr().out
     (out / "worst-07.toml").write_text("of a longer search before")
-    (out / "worst-own.toml").write_text("of the user")
+    (out / "worst.rrd").write_text("of a search before")
+    for own in ("worst-own.toml", "worst-00-robust.toml"):
+        (out / own).write_text("of the user")
 
     assert cli.main(["falsify", str(file), "--out", str(out), "--random", *sizes]) == 0
     text = capsys.readouterr().out.splitlines()[-2]
     summary = json.loads((out / "worst.json").read_text())
     counts = f"{summary['collisions']} of 22 episodes collided with an obstacle"
     assert text == f"{counts}, in {summary['touches']} robots touched each other"
-    assert not (out / "worst-07.toml").exists() and (out / "worst-own.toml").exists()
+    left = {path.name for path in out.iterdir()}
+    assert left == {"worst-00.toml", "worst-01.toml", "worst.json", "worst-own.toml", "worst-00-robust.toml"}
     assert (summary["counted"], summary["episodes"], len(summary["worst"])) == (22, 22, 2)
 
 
@@ -251,7 +258,7 @@ def test_the_command_draws_more_than_it_begins_with(tmp_path, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_in_earnest(study):
-    """What is found is an episode that `simulate` runs, and the gradient is that of a forward difference."""
+    """What is found is an episode that `simulate` runs."""
     config = PlannerConfig(horizon=Horizon(steps=5))
     found = falsify(study, config, seed=1, search=Search(screened=4, aimed=(2,), lanes=2, rounds=1))
     (worst, _) = found.worst
@@ -261,3 +268,23 @@ def test_in_earnest(study):
     assert clearance == pytest.approx(worst.clearance, abs=0.01)
     begun = sample_worst(study, config, 4, seed=1, keep=2)
     assert all(a.clearance <= b.clearance for a, b in zip(found.worst, begun.worst, strict=True))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_gradients_of_a_batch_are_those_of_its_places_alone(study):
+    """Three places in batches of two; `test_approach` holds the gradients of one against differences."""
+    config, box, window, memory = PlannerConfig(horizon=Horizon(steps=5)), Bounds(), 5, 0.1
+    places = list(random_worst.random_places(study, 1, 3, box))
+    rows = Trials(study, config, box, 2, window, memory).gradients(places)
+
+    def clearance(where, scenario, seed):
+        made = vary(scenario, where, box)
+        return closest_approach(made, config, 50, window, key=jax.random.key(seed), memory=memory)
+
+    alone = jax.jit(jax.grad(clearance))
+    for row, place in zip(rows, places, strict=True):
+        scenario = dataclasses.replace(place.lane.scenario, index=jnp.zeros((), jnp.int32))
+        expected = alone(jnp.asarray(place.coordinates, jnp.float32), scenario, jnp.uint32(place.seed))
+        assert np.abs(expected).max() > 0.01
+        np.testing.assert_allclose(row, expected, rtol=0.02, atol=1e-3 * np.abs(expected).max())

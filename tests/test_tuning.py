@@ -124,6 +124,24 @@ def test_settings_that_only_fit_the_training_scenarios_are_not_kept(bowl, sets, 
     assert tuned.loss == tuned.history[0]["held_out"]
 
 
+def test_a_stopped_command_leaves_the_best_so_far(bowl, tiny_study, tmp_path, monkeypatch):
+    slopes, calls = Bowl.slopes, []
+
+    def stopped(self, center, scenarios):
+        calls.append(center)
+        if len(calls) == 7:
+            raise KeyboardInterrupt
+        return slopes(self, center, scenarios)
+
+    monkeypatch.setattr(Bowl, "slopes", stopped)
+    monkeypatch.setattr(os, "environ", os.environ.copy())
+    (tmp_path / "tiny.toml").write_text(tiny_study)
+    sizes = ["--train", "3", "--held-out", "2", "--batch", "2", "--tune", NAMES[0], "--tune", NAMES[1]]
+    command = ["tune", str(tmp_path / "tiny.toml"), "--out", str(tmp_path / "out"), *sizes]
+    assert cli.main(command) == cli.INTERRUPTED
+    assert load_config(tmp_path / "out" / "tuned.toml").weights.force > PlannerConfig().weights.force
+
+
 def test_the_command_leaves_a_file_for_config(bowl, tiny_study, tmp_path, monkeypatch, capsys):
     study, out = tmp_path / "tiny.toml", tmp_path / "out"
     study.write_text(tiny_study)

@@ -1,6 +1,7 @@
 """Varied scenarios as arrays and as files are the same, within their bounds."""
 
 import dataclasses
+import tomllib
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +13,8 @@ from jaxlocomanip.obstacle_spec import MotionSpec
 from jaxlocomanip.planar.dynamics import GRAVITY
 from jaxlocomanip.sampling.sampler import draw
 from jaxlocomanip.sampling.study import find_study
+from jaxlocomanip.scenario_file import scenario_to_toml
+from jaxlocomanip.specification import parse_scenario
 from jaxlocomanip.variation import Bounds, dimension, varied_spec, vary
 
 make = jax.jit(vary)
@@ -77,9 +80,16 @@ def test_standing_and_absent_obstacles_stay_so(make_scenario):
 
 
 def test_waypoints_are_carried_along(lanes):
+    """To a file that can be read back, and as the arrays are."""
     (lane, *_) = lanes
     walk = MotionSpec("waypoints", times=(0.0, 5.0), points=((9.0, 9.0), (9.0, 8.0)))
-    first = dataclasses.replace(lane.spec.obstacles[0], motion=walk)
-    spec = dataclasses.replace(lane.spec, obstacles=(first, *lane.spec.obstacles[1:]))
-    varied = varied_spec(spec, lane.scenario, np.ones(dimension(lane.scenario)), Bounds(shift=0.25))
+    first = dataclasses.replace(lane.spec.obstacles[0], position=(9.0, 9.0), velocity=(0.0, 0.0), motion=walk)
+    spec = dataclasses.replace(lane.spec, obstacles=(first,))
+    scenario = build(spec)
+    where, box = np.ones(dimension(scenario)), Bounds(shift=0.25)
+    varied = varied_spec(spec, scenario, where, box)
     assert varied.obstacles[0].motion.points == ((9.25, 9.25), (9.25, 8.25))
+    again = build(parse_scenario(tomllib.loads(scenario_to_toml(varied))))
+    made = make(scenario, jnp.asarray(where, jnp.float32), box)
+    for time in (0.0, 2.0, 7.0):
+        np.testing.assert_allclose(again.obstacles.at(time), made.obstacles.at(time), rtol=1e-6)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +23,7 @@ DRAWN = 10
 """random scenarios among which one to begin with is chosen"""
 ROUNDS = 4
 """of scenarios with an obstacle in the way"""
-ROWS = ("seed", "clearance", "team_clearance", "collided", "touched", "run_over", "reached")
+ROWS = ("seed", "clearance", "team_clearance", "hit_obstacle", "robots_touched", "run_over", "reached")
 """what `worst.json` tells of a scenario"""
 
 
@@ -94,10 +95,16 @@ def _keep(out: Path, found: Falsified) -> None:
                 **{name: getattr(one, name) for name in ROWS},
             }
         )
-    for stale in set(out.glob("worst-[0-9][0-9]*.toml")) - {out / str(row["file"]) for row in rows}:
-        stale.unlink()
+    _remove_others(out, {str(row["file"]) for row in rows})
     counts = {name: getattr(found, name) for name in ("episodes", "collisions", "touches", "counted")}
     write_whole(out / "worst.json", json.dumps({**counts, "worst": rows}, indent=2) + "\n")
+
+
+def _remove_others(out: Path, names: set[str]) -> None:
+    """Delete what a search before left and this one does not replace: more scenarios, and their recording."""
+    for path in out.iterdir():
+        if re.fullmatch(r"worst-\d\d+\.toml|worst\.rrd", path.name) and path.name not in names:
+            path.unlink()
 
 
 def _file(number: int) -> str:
@@ -107,8 +114,8 @@ def _file(number: int) -> str:
 def _list(found: Falsified) -> None:
     """Print the scenarios, and how many collided."""
     for number, one in enumerate(found.worst):
-        verdict = "run over" if one.run_over else "collided" if one.collided else "clear"
-        verdict += ", robots touched" if one.touched else ""
+        verdict = "run over" if one.run_over else "collided" if one.hit_obstacle else "clear"
+        verdict += ", robots touched" if one.robots_touched else ""
         print(f"{_file(number)}  {one.spec.name}  clearance {one.clearance:7.3f} m  {verdict}  --seed {one.seed}")
     kept = len(found.worst)
     of = f"{found.counted} episodes" if found.counted > kept else f"the {kept} scenarios kept"

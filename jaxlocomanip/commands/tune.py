@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> None:
     from jaxlocomanip.padding import stack
     from jaxlocomanip.sampling.sampler import draw
     from jaxlocomanip.sweep.plan import longest, padding
-    from jaxlocomanip.tuning import METHODS, NAMES, Settings, tune
+    from jaxlocomanip.tuning import METHODS, NAMES, Settings, Tuned, tune
 
     study, config = options.planar_study(arguments.study), named_config(arguments.config)
     settings = Settings(
@@ -75,6 +75,10 @@ def run(arguments: argparse.Namespace) -> None:
     first = math.ceil(arguments.train / points) * points
     drawn = [*range(arguments.train), *range(first, first + arguments.held_out)]
     lanes = [draw(study, arguments.seed, k).scenario for k in drawn]
+
+    def keep(tuned: Tuned) -> None:
+        write_whole(out / "tuned.toml", config_to_toml(tuned.config))
+
     tuned = tune(
         config,
         stack(lanes[: arguments.train], padding(study)),
@@ -83,8 +87,9 @@ def run(arguments: argparse.Namespace) -> None:
         settings=settings,
         checkpoint=out / "tune.json",
         say=lambda text: say(f"{text}\n"),
+        kept=keep,
     )
-    write_whole(out / "tuned.toml", config_to_toml(tuned.config))
+    keep(tuned)
     before = tuned.history[0]["held_out"]
     print(f"loss on the held-out scenarios, by which the best was chosen: {before:.4g} before, {tuned.loss:.4g} after")
     for name, (old, new) in changes(config, tuned.config, knobs).items():

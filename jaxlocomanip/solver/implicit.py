@@ -75,7 +75,8 @@ def solve(problem: Problem, x0: Array, guess: Iterate, options: Options, limit: 
     """Iterate to a stationary plan, which is differentiable.
 
     The solver runs until its step is below `options.tolerance`; Newton steps on the stationarity conditions follow,
-    as long as each is smaller than the one before.
+    as long as each is smaller than the one before. They are kept where the solver or they themselves converged: far
+    from an optimum the exact Hessian may be indefinite, and a full step lead anywhere.
 
     Memory does not grow with the iterations. Under `vmap` all lanes iterate until the last one has finished.
 
@@ -91,8 +92,10 @@ def solve(problem: Problem, x0: Array, guess: Iterate, options: Options, limit: 
     """
     fixed, first, warm = jax.lax.stop_gradient((problem, x0, guess))
     done, count = sqp.converge(fixed, first, warm, options, limit)
-    plan, step = polish(fixed, first, done.plan)
-    status = jnp.where(step < options.tolerance, Status.CONVERGED, done.status)
+    polished, step = polish(fixed, first, done.plan)
+    stationary = (step < options.tolerance) | (done.status == Status.CONVERGED)
+    plan = select(stationary, polished, done.plan)
+    status = jnp.where(stationary, Status.CONVERGED, done.status)
     status = jnp.where(all_finite(plan), status, Status.NONFINITE).astype(jnp.int32)
     return Solution(plan_of(problem, x0, plan), status, step, count * options.iterations)
 
@@ -130,7 +133,8 @@ def plan_of(problem: Problem, x0: Array, plan: Plan) -> Plan:
 
     The derivative is exact where the plan is stationary and the matrix of its conditions invertible (a strict local
     minimum is enough). Elsewhere it is that matrix's answer at the plan as it is, with an error that grows with the
-    distance to the optimum. A plan with numbers that are not finite, or a derivative that is not, counts as constant.
+    distance to the optimum. A plan with numbers that are not finite, or a derivative that is not, counts as constant;
+    but in reverse mode by a problem that is itself not finite, of which zero times infinity spoils the slopes.
     Whatever the problem holds fixed is held fixed: for the planner, which corner or edge each disc is held against.
 
     Args:
