@@ -131,14 +131,19 @@ def _truth(spec: ScenarioSpec, polygon: Floats) -> Body:
     )
 
 
-def _refuse_overlaps(spec: ScenarioSpec) -> None:
-    """Refuse a start at which an obstacle overlaps the object or a robot's body."""
+def start_gaps(spec: ScenarioSpec) -> NDArray[np.floating[Any]]:
+    """[N_o, 1 + N_r] m, signed distances of the obstacles to the object and the robots' bodies at the start."""
     if not spec.obstacles:
-        return
+        return np.zeros((0, 1 + len(spec.robots)))
     robots = robot_rectangles(spec, spec.start, [robot.offset for robot in spec.robots])
     bodies = padded([placed(spec.start, np.array(spec.object.footprint)), *robots])
     shapes = padded([corners_at(obstacle, 0.0) for obstacle in spec.obstacles])
-    gaps = polygon_gap(bodies[None], shapes[:, None], np.array([[o.radius] for o in spec.obstacles]))
+    return polygon_gap(bodies[None], shapes[:, None], np.array([[o.radius] for o in spec.obstacles]))
+
+
+def _refuse_overlaps(spec: ScenarioSpec) -> None:
+    """Refuse a start at which an obstacle overlaps the object or a robot's body."""
+    gaps = start_gaps(spec)
     for k, i in np.argwhere(gaps <= 0.0):
         name = f"robots[{i - 1}]" if i else "the object"
         raise InputError(

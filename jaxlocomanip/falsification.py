@@ -54,9 +54,9 @@ class Search:
     """scenarios that are tried with an obstacle in the way, round after round"""
     lanes: int = 8
     """worst scenarios, that are improved by gradients"""
-    rounds: int = 1
+    rounds: int = 4
     """gradients of each"""
-    steps: tuple[float, ...] = (0.03,)
+    steps: tuple[float, ...] = (0.1,)
     """lengths that are tried along a gradient: of the coordinate that moves most; the box is 2 wide"""
     spread: float = 0.03
     """standard deviation of what is added to each coordinate in every try"""

@@ -30,10 +30,10 @@ WORST = 1e3
 class Objective:
     """Loss of a scenario, from its soft outcome."""
 
-    danger: float = 5.0
-    """of ln(1 + crowding / crowded), for obstacles and for robots among themselves (`SoftOutcome.crowding_m2s`)"""
-    crowded: float = 1e-3
-    """m^2 s, of crowding: 5 cm that are missing for 0.4 s"""
+    danger: float = 40.0
+    """1/(m s^1/2), of the root of the crowding by obstacles, and by robots (`SoftOutcome.crowding_m2s`)"""
+    crowded: float = 1e-4
+    """m^2 s, of crowding: 1 cm that is missing for a second. The root sets in there."""
     arrival: float = 1.0
     """of ln(1 + (error / tolerance)^2), for position and heading at the end"""
     approach: float = 5.0
@@ -45,13 +45,13 @@ class Objective:
 
 
 def loss(outcome: SoftOutcome, scenario: Scenario, objective: Objective) -> Array:
-    """[] loss of an episode: finite and, but for the effort, of slow growth."""
+    """[] loss of an episode: finite and, but for the crowding and the effort, of slow growth."""
     goal = scenario.goal
     position = outcome.goal_error_m2 / goal.position_tolerance**2
     heading = outcome.heading_error_rad2 / goal.heading_tolerance**2
     time = outcome.time_s / scenario.duration
     total = (
-        objective.danger * jnp.sum(jnp.log1p(outcome.crowding_m2s / objective.crowded))
+        objective.danger * jnp.sum(jnp.sqrt(objective.crowded + outcome.crowding_m2s) - jnp.sqrt(objective.crowded))
         + objective.arrival * off_goal(position, heading)
         + objective.approach * outcome.off_goal
         + objective.time * time

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from jaxlocomanip.aiming import INSTANTS, Motion
 from jaxlocomanip.approach import closest_approach
+from jaxlocomanip.build import start_gaps
 from jaxlocomanip.closed_loop import episode
 from jaxlocomanip.outcome import Outcome
 from jaxlocomanip.padding import stack
@@ -72,8 +73,10 @@ class Place:
 
 
 def place_at(lane: Lane, seed: int, coordinates: Floats, bounds: Bounds) -> Place | None:
-    """A varied scenario; None where no planner could solve it."""
+    """A varied scenario; None where no planner could solve it, or an obstacle is too near at the start."""
     spec = varied_spec(lane.spec, lane.scenario, coordinates, bounds)
+    if (start_gaps(spec) < bounds.start_room).any():
+        return None
     scenario = judged(spec, 0)
     return None if isinstance(scenario, str) else Place(lane, seed, coordinates, spec, scenario)
 

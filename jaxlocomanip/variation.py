@@ -55,6 +55,8 @@ class Bounds:
     """m, displacement of an obstacle either way along each axis"""
     velocity: float = 0.2
     """m/s, change of a moving obstacle's velocity either way along each axis"""
+    start_room: float = 0.05
+    """m, that obstacles leave the bodies at the start: less would be no fault of the planner"""
 
 
 @pytree

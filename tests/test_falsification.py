@@ -13,7 +13,7 @@ import pytest
 from jaxlocomanip import cli, falsification, random_worst
 from jaxlocomanip.aiming import Motion, straight_motion
 from jaxlocomanip.approach import closest_approach
-from jaxlocomanip.build import build
+from jaxlocomanip.build import build, start_gaps
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.closed_loop import simulate
 from jaxlocomanip.falsification import Search, falsify
@@ -93,6 +93,7 @@ def test_steps_go_down_to_the_bounds(study, no_episodes):
     for one in found.worst:
         assert 3.0 <= one.spec.truth.mass <= 12.0 and 0.15 <= one.spec.truth.friction <= 0.6
         assert not isinstance(judged(one.spec, 0), str)
+        assert start_gaps(one.spec).min() >= Bounds().start_room
 
 
 def test_the_budget_is_what_it_costs(study, no_episodes):

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     count("--screened", 16, "the most promising of 10 times as many random scenarios (at least 160), to begin with")
     count("--aimed", 8, "scenarios retried in each of four rounds with an obstacle moved into the object's way")
     count("--lanes", 8, "worst scenarios to keep, and to improve by gradients of the clearance at the end")
-    count("--rounds", 1, "gradients of each scenario kept, one after the other")
+    count("--rounds", 4, "gradients of each scenario kept, one after the other")
     add("--random", action="store_true", help="no search: as many random scenarios as it would cost episodes")
     add("--seed", type=options.seed, default=0, help="of scenarios and measurement noise (default: %(default)s)")
     add("--record", type=options.positive, metavar="N", help="run the N worst again and record them to DIR/worst.rrd")
