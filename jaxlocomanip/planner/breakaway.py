@@ -23,12 +23,15 @@ from jaxlocomanip.planner.shapes import Shapes
 
 SLIP, STILL = 0.15, 0.04
 """m/s, speed above which the object has broken away, and mean speed below which it may be at rest"""
+SHIFT = 0.015
+"""m, way from its place at rest after which it has broken away, too: under a push that rises slowly long before it is
+fast; 5 mm of noise pass for it more rarely than for the speed"""
 _ONSET = 0.25
 """s, from the onset of slip until it is seen: the push of then is what friction was"""
 _OBSERVER = Estimation(pose_gain=0.4, twist_gain=0.1)
 """with 5 mm of noise at 50 Hz its velocity has 3 cm/s, and settles in 0.1 s"""
-_MEAN, _TRUST = 0.2, 0.3
-"""s, over which the mean is taken, and from when on an object seen still is at rest"""
+_MEAN, _PLACE, _TRUST = 0.2, 1.0, 0.3
+"""s, over which the mean twist and the place are taken, and from when on an object seen still is at rest"""
 
 
 @pytree
@@ -37,6 +40,8 @@ class Breakaway:
 
     seen: ObjectEstimate
     """by an observer of constant velocity"""
+    place: Array
+    """[3] pose at rest"""
     mean: Array
     """[3] of the twist over a while"""
     push: Array
@@ -50,7 +55,7 @@ class Breakaway:
 def start(pose: Array) -> Breakaway:
     """Before the first tick, at rest at a pose [3]."""
     zero = jnp.zeros((), pose.dtype)
-    return Breakaway(start_object(pose), jnp.zeros_like(pose), zero, jnp.ones((), bool), zero)
+    return Breakaway(start_object(pose), pose, jnp.zeros_like(pose), zero, jnp.ones((), bool), zero)
 
 
 def limit_push(wrench_B: Array, com: Array, shapes: Shapes) -> Array:
@@ -60,7 +65,7 @@ def limit_push(wrench_B: Array, com: Array, shapes: Shapes) -> Array:
 
 
 def speed(twist: Array, shapes: Shapes) -> Array:
-    """[] m/s, size of a twist [3], rotation counted at the torsion radius."""
+    """[] m/s, size of a twist [3] (or m, of a change of pose), rotation counted at the torsion radius."""
     return safe_norm(jnp.concatenate([twist[:2], shapes.torsion_radius * twist[2:]]))
 
 
@@ -80,11 +85,14 @@ def watch(before: Breakaway, measured: Array, push: Array, shapes: Shapes, tick:
     guess = before.seen.pose + tick * before.seen.twist
     seen = correct_object(guess, before.seen.twist, measured, tick, _OBSERVER)
     mean = before.mean + tick / (tick + _MEAN) * (seen.twist - before.mean)
-    slips = before.waiting & (speed(seen.twist, shapes) > SLIP)
+    away = speed(seen.pose - before.place, shapes)
+    slips = before.waiting & ((speed(seen.twist, shapes) > SLIP) | (away > SHIFT))
+    followed = before.place + tick / (tick + _PLACE) * (seen.pose - before.place)
+    place = jnp.where(before.waiting, followed, seen.pose)
     still = jnp.where(speed(mean, shapes) < STILL, before.still + tick, 0.0)
     waiting = jnp.where(before.waiting, ~slips, still > _TRUST)
     lagged = before.push + tick / (tick + _ONSET) * (push - before.push)
-    return Breakaway(seen, mean, lagged, waiting, still), slips
+    return Breakaway(seen, place, mean, lagged, waiting, still), slips
 
 
 def corrected(

@@ -27,7 +27,7 @@ def moving(estimate, twist):
 def ramped(make_scenario):
     """A function: what is seen of an object at rest under a push that rises, with noise; (time, push, state, slip)."""
 
-    def run(friction, noise=0.005, seconds=3.0, hold=None):
+    def run(friction, noise=0.005, seconds=3.0, hold=None, ramp=RAMP):
         scenario = make_scenario(truth={"friction": friction})
         shapes, body = shapes_of(scenario), scenario.truth
         step = jax.jit(lambda q, v, w: dynamics.step(body, q, v, w, TICK, 1e-3))
@@ -35,7 +35,7 @@ def ramped(make_scenario):
         pose, twist = jnp.zeros(3), jnp.zeros(3)
         state = breakaway.start(pose)
         for k in range(round(seconds / TICK)):
-            push = min(RAMP * k * TICK, np.inf if hold is None else hold)
+            push = min(ramp * k * TICK, np.inf if hold is None else hold)
             pose, twist = step(pose, twist, jnp.array([push, 0.0, 0.0]))
             measured = pose + jnp.asarray(random.normal(size=3) * [noise, noise, 2.0 * noise], jnp.float32)
             state, slips = watch(state, measured, jnp.asarray(push), shapes, TICK)
@@ -53,6 +53,13 @@ def test_the_push_at_the_first_slip_is_the_friction(ramped, friction):
     push, bound = seen[0]
     assert push < true + 0.4 * RAMP  # within 0.4 s
     assert bound == pytest.approx(true, abs=0.15 * RAMP)
+
+
+def test_under_a_push_that_rises_slowly_it_is_seen_before_it_is_fast(ramped):
+    true, rows = ramped(0.3, seconds=6.0, ramp=6.0)
+    push, way = next((push, float(state.seen.pose[0])) for _, push, state, slips in rows if slips)
+    assert true < push < true + 4.0
+    assert breakaway.SHIFT < way < 0.025  # of the speed alone: 0.05
 
 
 def test_an_object_that_sticks_is_not_seen_to_slip(ramped):
