@@ -48,8 +48,6 @@ ARRIVAL_WIDTH = 0.2
 """fraction of the goal tolerances over which the soft time ends"""
 FAR = 10.0
 """m, clearance reported where there is nothing to hit"""
-CLOSE = 0.05
-"""m, clearance of which the lack adds up to crowding"""
 
 
 @pytree
@@ -65,9 +63,6 @@ class SoftOutcome:
     throughout, and larger, by up to `SHARPNESS` ln(ticks), where they are close for a moment"""
     team_clearance_m: Array
     """[] the same over pairs of robots"""
-    crowding_m2s: Array
-    """[2] integral over time of the squared clearance missing to `CLOSE`, summed over bodies and obstacles, and over
-    pairs of robots: how near, and how long"""
     time_s: Array
     """[] time outside the goal tolerances, which fade smoothly"""
     off_goal: Array
@@ -90,7 +85,6 @@ class Sums:
     """[2] sums of exp(-distance / SHARPNESS) over obstacles and over robots, as multiples of the largest one so far"""
     largest: Array
     """[2] the largest exponents"""
-    crowding: Array
     time: Array
     off_goal: Array
 
@@ -174,7 +168,7 @@ def begin(scenario: Scenario, config: PlannerConfig, world: PlanarWorld, key: Ar
 def nothing(scenario: Scenario) -> Sums:
     """Sums over no ticks."""
     zero, none = jnp.zeros((), scenario.start.dtype), jnp.zeros(2, scenario.start.dtype)
-    return Sums(zero, zero, none, none - FAR / SHARPNESS, none, zero, zero)
+    return Sums(zero, zero, none, none - FAR / SHARPNESS, zero, zero)
 
 
 def searched(carry: Episode, scenario: Scenario, config: PlannerConfig) -> Episode:
@@ -251,7 +245,6 @@ def _add(sums: Sums, view: View, target: Array, scenario: Scenario, time: Array,
     largest = jnp.maximum(sums.largest, jnp.stack([jnp.max(some) for some in near]))
     largest = jax.lax.stop_gradient(largest)
     more = jnp.stack([jnp.sum(jnp.exp(some - most)) for some, most in zip(near, largest, strict=True)])
-    missing = jnp.stack([jnp.sum(jnp.maximum(CLOSE - distances, 0.0) ** 2) for distances in (apart, team)])
     nearness = sums.nearness * jnp.exp(sums.largest - largest) + more
     misfit = _misfit(scenario, view.pose)
     outside = jax.nn.sigmoid((safe_norm(misfit) - 1.0) / ARRIVAL_WIDTH)
@@ -260,7 +253,6 @@ def _add(sums: Sums, view: View, target: Array, scenario: Scenario, time: Array,
         sums.effort + period * jnp.sum(view.force**2),
         nearness,
         largest,
-        sums.crowding + period * missing,
         sums.time + period * outside,
         sums.off_goal + off_goal(jnp.sum(misfit[:2] ** 2), misfit[2] ** 2),
     )
@@ -294,7 +286,6 @@ def _summary(end: Episode, scenario: Scenario) -> SoftOutcome:
         effort_n2s=sums.effort,
         clearance_m=to_obstacles,
         team_clearance_m=between,
-        crowding_m2s=sums.crowding,
         time_s=sums.time,
         off_goal=sums.off_goal / ticks,
         goal_error_m2=jnp.sum(off[:2] ** 2),

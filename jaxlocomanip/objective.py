@@ -30,10 +30,12 @@ WORST = 1e3
 class Objective:
     """Loss of a scenario, from its soft outcome."""
 
+    clearance: float = 0.05
+    """m, wanted of the soft minima between bodies and obstacles, and between robots (too large where it is brief)"""
+    softness: float = 0.02
+    """m, over which the penalty of less sets in"""
     danger: float = 40.0
-    """1/(m s^1/2), of the root of the crowding by obstacles, and by robots (`SoftOutcome.crowding_m2s`)"""
-    crowded: float = 1e-4
-    """m^2 s, of crowding: 1 cm that is missing for a second. The root sets in there."""
+    """1/m, of clearance that is missing"""
     arrival: float = 1.0
     """of ln(1 + (error / tolerance)^2), for position and heading at the end"""
     approach: float = 5.0
@@ -45,13 +47,15 @@ class Objective:
 
 
 def loss(outcome: SoftOutcome, scenario: Scenario, objective: Objective) -> Array:
-    """[] loss of an episode: finite and, but for the crowding and the effort, of slow growth."""
-    goal = scenario.goal
+    """[] loss of an episode: finite and, but for the missing clearance and the effort, of slow growth."""
+    goal, soft = scenario.goal, objective.softness
+    clearances = jnp.stack([outcome.clearance_m, outcome.team_clearance_m])
+    missing = jnp.sum(soft * jax.nn.softplus((objective.clearance - clearances) / soft))
     position = outcome.goal_error_m2 / goal.position_tolerance**2
     heading = outcome.heading_error_rad2 / goal.heading_tolerance**2
     time = outcome.time_s / scenario.duration
     total = (
-        objective.danger * jnp.sum(jnp.sqrt(objective.crowded + outcome.crowding_m2s) - jnp.sqrt(objective.crowded))
+        objective.danger * missing
         + objective.arrival * off_goal(position, heading)
         + objective.approach * outcome.off_goal
         + objective.time * time

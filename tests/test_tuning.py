@@ -225,14 +225,13 @@ def outcome(**changes):
         "effort_n2s": 1e3,
         "clearance_m": 0.3,
         "team_clearance_m": 0.2,
-        "crowding_m2s": (1e-3, 0.0),
         "time_s": 1.5,
         "off_goal": 4.0,
         "goal_error_m2": 0.01,
         "heading_error_rad2": 0.01,
         "alive": True,
     }
-    return SoftOutcome(**{name: jnp.asarray(value) for name, value in (values | changes).items()})
+    return SoftOutcome(**jax.tree.map(jnp.asarray, values | changes))
 
 
 def test_the_loss_knows_what_is_better(make_scenario):
@@ -246,13 +245,12 @@ def test_the_loss_knows_what_is_better(make_scenario):
     assert of() < of(time_s=3.0)
     assert of() < of(off_goal=5.0)
     assert of() < of(effort_n2s=1e4)
-    assert of(crowding_m2s=(0.0, 0.0)) < of() < of(crowding_m2s=(2e-3, 0.0))
-    # A second at an overlap of ten centimetres outweighs arriving, with whomever.
-    overlap = 0.15**2
-    assert of(crowding_m2s=(overlap, 0.0)) > of(goal_error_m2=0.2)
-    assert of(crowding_m2s=(0.0, overlap)) == pytest.approx(of(crowding_m2s=(overlap, 0.0)))
+    # Ten centimetres of missing clearance outweigh arriving.
+    assert of(clearance_m=-0.1) > of(goal_error_m2=0.2)
+    assert of(team_clearance_m=-0.1) == pytest.approx(of(clearance_m=-0.1), rel=0.01)
+    assert of(clearance_m=1.0) == pytest.approx(of(clearance_m=2.0), rel=1e-4)
     # Nothing that an episode did before its numbers were lost makes up for that.
-    assert of(alive=False) == WORST > of(crowding_m2s=(100.0, 100.0), goal_error_m2=100.0)
+    assert of(alive=False) == WORST > of(clearance_m=-1.0, goal_error_m2=100.0)
 
 
 def test_single_lanes_do_not_decide():
