@@ -16,6 +16,7 @@ name = "light"
 duration = 2.0
 object = { size = [0.5, 0.5], mass = 6.0, height = 0.5 }
 truth = { mass = 4.025054, inertia = 0.182965, friction = 0.201135, com = [-0.041153, 0.045798] }
+start = { pose = [0.0, 0.0, 0.0] }
 goal = { pose = [-1.371675, -1.163921, -0.116311] }
 sensing = { position_std = 0.005501, heading_std = 0.001256, obstacle_std = 0.018197 }
 robots = [{ type = "go1", face = "+x" }, { type = "aliengo", face = "+y" }]

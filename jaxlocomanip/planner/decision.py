@@ -12,6 +12,7 @@ from jax import Array
 from jaxlocomanip.lanes import where_needed
 from jaxlocomanip.numerics import pytree, safe_norm
 from jaxlocomanip.planner import problem, reference, safety
+from jaxlocomanip.planner.breakaway import limit_push
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.path import Path
 from jaxlocomanip.planner.reference import Progress
@@ -29,7 +30,8 @@ SURGE = 2.0, 0.05
 """N and share, by which a push may exceed what acts before the object breaks away: 30 N/s with the robots' lag"""
 AMPLE, GENTLEST = 0.15, 0.2
 """m, room from which on it may be as much, and the least share of it: an object of which the friction was overestimated
-moves by 12 cm before it has been seen to, and braked, where pushes rise that fast, and by 4 to 6 at the least share"""
+moves by 12 cm before it has been seen to, and braked, where pushes rise that fast, and by 4 to 6 at the least share.
+Up to the friction that the floor has shown to have nothing moves."""
 
 
 @pytree
@@ -83,7 +85,9 @@ def decide(
     n, limits = offset.shape[0], shapes.team
     first = solver.plan.us[0]
     room = standing_room(situation.gaps, bodies_of(shapes, config))
+    push = limit_push(limits.wrench(offset, situation.force), situation.body.com, shapes)
     gentle = jnp.clip((jnp.maximum(room, 0.0) / AMPLE) ** 2, GENTLEST, 1.0)
+    gentle = jnp.where(push < situation.proven, 1.0, gentle)
     surge, share = (gentle * usual for usual in SURGE)
     # What will be left of a push once the object breaks away is not known before: it must not be much.
     gently = jnp.where(situation.waiting, situation.force * (1.0 + share) + surge, jnp.inf)
