@@ -42,6 +42,8 @@ class Breakaway:
     """by an observer of constant velocity"""
     place: Array
     """[3] pose at rest"""
+    tight: Array
+    """[] bool: an obstacle is near, so that the way from there counts, too"""
     mean: Array
     """[3] of the twist over a while"""
     push: Array
@@ -55,7 +57,9 @@ class Breakaway:
 def start(pose: Array) -> Breakaway:
     """Before the first tick, at rest at a pose [3]."""
     zero = jnp.zeros((), pose.dtype)
-    return Breakaway(start_object(pose), pose, jnp.zeros_like(pose), zero, jnp.ones((), bool), zero)
+    return Breakaway(
+        start_object(pose), pose, jnp.zeros((), bool), jnp.zeros_like(pose), zero, jnp.ones((), bool), zero
+    )
 
 
 def limit_push(wrench_B: Array, com: Array, shapes: Shapes) -> Array:
@@ -86,13 +90,13 @@ def watch(before: Breakaway, measured: Array, push: Array, shapes: Shapes, tick:
     seen = correct_object(guess, before.seen.twist, measured, tick, _OBSERVER)
     mean = before.mean + tick / (tick + _MEAN) * (seen.twist - before.mean)
     away = speed(seen.pose - before.place, shapes)
-    slips = before.waiting & ((speed(seen.twist, shapes) > SLIP) | (away > SHIFT))
+    slips = before.waiting & ((speed(seen.twist, shapes) > SLIP) | (before.tight & (away > SHIFT)))
     followed = before.place + tick / (tick + _PLACE) * (seen.pose - before.place)
     place = jnp.where(before.waiting, followed, seen.pose)
     still = jnp.where(speed(mean, shapes) < STILL, before.still + tick, 0.0)
     waiting = jnp.where(before.waiting, ~slips, still > _TRUST)
     lagged = before.push + tick / (tick + _ONSET) * (push - before.push)
-    return Breakaway(seen, place, mean, lagged, waiting, still), slips
+    return Breakaway(seen, place, before.tight, mean, lagged, waiting, still), slips
 
 
 def corrected(

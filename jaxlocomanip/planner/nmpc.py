@@ -21,11 +21,12 @@ from jaxlocomanip.planner import adaptation, breakaway, estimation, keeping, pat
 from jaxlocomanip.planner.adaptation import ParameterEstimate
 from jaxlocomanip.planner.breakaway import Breakaway
 from jaxlocomanip.planner.config import Horizon, PlannerConfig
-from jaxlocomanip.planner.decision import Report, at_rest, decide
+from jaxlocomanip.planner.decision import AMPLE, Report, at_rest, decide
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.path import Path
 from jaxlocomanip.planner.reference import Progress
 from jaxlocomanip.planner.regrouping import regrouped, regrouping
+from jaxlocomanip.planner.room import bodies_of, standing_room
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.planner.state import Command, Measurement, PlannerState, Task
@@ -97,6 +98,7 @@ def tick(
     kept = select(changed, keeping.regrouped(state.kept, gaps), keeping.watch(state.kept, gaps, horizon.tick))
     keep = keeping.room_to_keep(kept, gaps, shapes.obstacle_dynamic, config.safety.margin)
     body, offset = parameters.body, measured.offset
+    watched = dataclasses.replace(watched, tight=standing_room(gaps, bodies_of(shapes, config)) < AMPLE)
     proven = safety.prove_friction(state.proven, estimate, force, offset, body, shapes, config)
     situation = Situation(
         estimate=estimate,
