@@ -16,6 +16,7 @@ from jaxlocomanip.loop import task_of
 from jaxlocomanip.numerics import pytree
 from jaxlocomanip.planner import decision, keeping, nmpc, problem, reference, safety
 from jaxlocomanip.planner.problem import PushProblem
+from jaxlocomanip.planner.room import bodies_of, standing_room
 from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.planner.state import Command, Measurement, PlannerState, Task, start
 from jaxlocomanip.scenario import Scenario
@@ -179,8 +180,9 @@ def _filter(
     proven = safety.least_friction(body, config)
     shapes, offset, none = task.shapes, measured.offset, jnp.zeros(())
     gaps = keeping.gaps_of(estimate, offset, obstacles, shapes, config)
+    room = standing_room(gaps, bodies_of(shapes, config))
     now = watched.waiting, none, none > 0.0
-    seen = Situation(estimate, body, obstacles, offset, gaps, gaps, acting, proven, *now)
+    seen = Situation(estimate, body, obstacles, offset, room, gaps, acting, proven, *now)
     return safety.safety_filter(force, rate, shapes.team.force_max, seen, shapes, config)
 
 

@@ -40,6 +40,8 @@ APART = 0.2
 """coordinates within this of a scenario that cannot be solved are not tried"""
 HALVINGS = 3
 """times that a step to an impossible scenario is halved before it is given up"""
+BEGUN, AIMED, STEPPED = 1, 2, 3
+"""stages of a search, of which each has its own random numbers"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -132,10 +134,6 @@ def falsify(
         say(f"gradients of {len(lanes)}: {min(map(_clearance, lanes)):.3f} m")
         kept(_so_far(lanes, plan, tried, number + 1))
     return _so_far(lanes, plan, tried, plan.rounds)
-
-
-BEGUN, AIMED, STEPPED = 1, 2, 3
-"""stages of a search, of which each has its own random numbers"""
 
 
 def _stream(seed: int, stage: int, number: int) -> np.random.Generator:

@@ -16,7 +16,7 @@ from jaxlocomanip.planner.breakaway import limit_push
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.path import Path
 from jaxlocomanip.planner.reference import Progress
-from jaxlocomanip.planner.room import FAR, bodies_of, standing_room
+from jaxlocomanip.planner.room import FAR
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.solver import sqp
@@ -84,9 +84,8 @@ def decide(
     solver = sqp.solve(ocp, x0, warm, options(config), rival)
     n, limits = offset.shape[0], shapes.team
     first = solver.plan.us[0]
-    room = standing_room(situation.gaps, bodies_of(shapes, config))
     push = limit_push(limits.wrench(offset, situation.force), situation.body.com, shapes)
-    gentle = jnp.clip((jnp.maximum(room, 0.0) / AMPLE) ** 2, GENTLEST, 1.0)
+    gentle = jnp.clip((jnp.maximum(situation.room, 0.0) / AMPLE) ** 2, GENTLEST, 1.0)
     gentle = jnp.where(push < situation.proven, 1.0, gentle)
     surge, share = (gentle * usual for usual in SURGE)
     # What will be left of a push once the object breaks away is not known before: it must not be much.

@@ -98,14 +98,15 @@ def tick(
     kept = select(changed, keeping.regrouped(state.kept, gaps), keeping.watch(state.kept, gaps, horizon.tick))
     keep = keeping.room_to_keep(kept, gaps, shapes.obstacle_dynamic, config.safety.margin)
     body, offset = parameters.body, measured.offset
-    watched = dataclasses.replace(watched, tight=standing_room(gaps, bodies_of(shapes, config)) < AMPLE)
+    room = standing_room(gaps, bodies_of(shapes, config))
+    watched = dataclasses.replace(watched, tight=room < AMPLE)
     proven = safety.prove_friction(state.proven, estimate, force, offset, body, shapes, config)
     situation = Situation(
         estimate=estimate,
         body=body,
         obstacles=obstacles,
         offset=offset,
-        gaps=gaps,
+        room=room,
         kept=keep,
         force=force,
         proven=proven,

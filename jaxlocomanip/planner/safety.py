@@ -25,7 +25,7 @@ from jaxlocomanip.planner.braking import STIRRING, BrakeRooms, braking_rooms
 from jaxlocomanip.planner.breakaway import limit_push
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate
-from jaxlocomanip.planner.room import FAR, bodies_of, keep_room, slide_limits, standing_room
+from jaxlocomanip.planner.room import FAR, keep_room, slide_limits
 from jaxlocomanip.planner.shapes import Shapes
 from jaxlocomanip.planner.situation import Situation
 
@@ -101,8 +101,7 @@ def safety_filter(
     forces, rates = tried.forces, tried.rates
     own = _rooms(forces[:1], rates[:1], jnp.array(CERTAIN, force.dtype), situation, shapes, config)
     # Which way a push turns the object is not known before it moves, and matters where there is no room for mistakes.
-    tight = standing_room(situation.gaps, bodies_of(shapes, config)) < config.safety.margin
-    unknown = situation.waiting & tight
+    unknown = situation.waiting & (situation.room < config.safety.margin)
     keep = (own.safe[0] & ~unknown) | (config.safety.enabled < 0.5)
 
     # Most inputs are safe as they are: others, and which way the object may turn, are looked at only where they matter.

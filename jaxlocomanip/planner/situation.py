@@ -19,10 +19,10 @@ class Situation:
     obstacles: ObstacleEstimate
     offset: Array
     """[N_r] m, contact offsets"""
-    gaps: Array
-    """[1 + N_r, N_o] m, from object and robots to the obstacles (`keeping.gaps_of`)"""
+    room: Array
+    """[] m, least gap between bodies that are protected and obstacles that stand (`room.standing_room`)"""
     kept: Array
-    """[1 + N_r, N_o] m, of it what is to be kept (`keeping`)"""
+    """[1 + N_r, N_o] m, of the gaps between object, robots and obstacles, what is to be kept (`keeping`)"""
     force: Array
     """[N_r] N, pushes believed to act now"""
     proven: Array

@@ -11,6 +11,7 @@ from jaxlocomanip.outcome import clearances
 from jaxlocomanip.planner import keeping, safety
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
+from jaxlocomanip.planner.room import bodies_of, standing_room
 from jaxlocomanip.planner.shapes import shapes_of
 from jaxlocomanip.planner.situation import Situation
 from jaxlocomanip.worlds.interface import Push
@@ -50,10 +51,11 @@ def filtered(scenario, state, force, rate, config=CONFIG, held=True, acting=None
     speed = jnp.max(jnp.abs(state.twist))
     shapes = shapes_of(scenario)
     gaps = keeping.gaps_of(estimate, state.offset, seen, shapes, config)
+    room = standing_room(gaps, bodies_of(shapes, config))
     keep = keeping.room_to_keep(keeping.start(gaps), gaps, shapes.obstacle_dynamic, config.safety.margin)
     acting = jnp.zeros_like(force) if acting is None else acting
     situation = Situation(
-        estimate, body, seen, state.offset, gaps, keep, acting, proven, speed < 0.02, speed, jnp.asarray(held)
+        estimate, body, seen, state.offset, room, keep, acting, proven, speed < 0.02, speed, jnp.asarray(held)
     )
     return safety.safety_filter(force, rate, most * jnp.ones_like(force), situation, shapes, config)
 

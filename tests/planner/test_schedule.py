@@ -11,7 +11,7 @@ from jaxlocomanip.planner import keeping, reference, schedule
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.planner.estimation import ObjectEstimate, ObstacleEstimate
 from jaxlocomanip.planner.path import POINTS, pace, straight_poses
-from jaxlocomanip.planner.room import bodies_of, rooms_at
+from jaxlocomanip.planner.room import bodies_of, rooms_at, standing_room
 from jaxlocomanip.planner.shapes import shapes_of
 from jaxlocomanip.planner.situation import Situation
 
@@ -54,7 +54,7 @@ def step(scenario, path, progress, time, noise):
         scenario.object.body,
         seen,
         offset,
-        gaps,
+        standing_room(gaps, bodies),
         gaps,
         0.0 * offset,
         none,
