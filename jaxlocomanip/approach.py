@@ -17,8 +17,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxlocomanip import gradients
+from jaxlocomanip import checked, gradients
 from jaxlocomanip import loop as closing
+from jaxlocomanip.fading import shares_kept
 from jaxlocomanip.gradients import WORLD, Episode
 from jaxlocomanip.numerics import Floats, T
 from jaxlocomanip.outcome import gaps
@@ -48,10 +49,15 @@ def closest_approach(
       world: the planar world, whose friction has to be smoothed.
       key: of measurement noise; seed 0 by default.
       memory: s, as of `gradients.soft_outcome`.
+
+    Raises:
+      InputError: a batch, or a bad number.
     """
+    gradients.check_episode(scenario, ticks, memory)
+    checked.whole("window", window, 1, gradients.MOST_TICKS)
     config, noise = gradients.planning(config), jax.random.key(0) if key is None else key
     window = min(window, ticks)
-    kept = gradients.shares_kept(config, memory)
+    kept = shares_kept(config, memory)
     # Without derivatives nothing of the episode is kept but what is asked for here.
     fixed, settings = jax.lax.stop_gradient((scenario, config))
     states, clearance = _recorded(fixed, settings, ticks, world, noise)

@@ -26,13 +26,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxlocomanip import checked
 from jaxlocomanip.aiming import Aim, aims, straight_motion
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.random_worst import BATCH, TRIALS, Falsified, Keep, random_places, summed
+from jaxlocomanip.random_worst import BATCH, MOST, TRIALS, Falsified, Keep, random_places, summed
 from jaxlocomanip.sampling.study import Study
 from jaxlocomanip.trials import Found, Place, Trials, place_at
-from jaxlocomanip.variation import Bounds
+from jaxlocomanip.variation import Bounds, check_bounds
 
 Floats = NDArray[np.floating[Any]]
 
@@ -103,16 +104,12 @@ def falsify(
       At most `search.lanes` scenarios.
 
     Raises:
-      InputError: no episodes to run, or a study without scenarios within the bounds.
+      InputError: bad numbers of the search or the bounds, or a study without scenarios within the bounds.
     """
     plan, box = search or Search(), bounds or Bounds()
-    if plan.screened < plan.lanes or plan.lanes < 1:
-        raise InputError(f"search.lanes = {plan.lanes}: must be >= 1 and <= search.screened = {plan.screened}")
-    for count in plan.aimed:
-        if not 1 <= count <= plan.screened:
-            raise InputError(f"search.aimed = {count}: must be >= 1 and <= search.screened = {plan.screened}")
-    if plan.drawn < plan.screened:
-        raise InputError(f"search.drawn = {plan.drawn}: must be >= search.screened = {plan.screened}")
+    _check(plan)
+    checked.seed("seed", seed)
+    check_bounds(box)
     trial = Trials(study, config, box, BATCH, plan.window, plan.memory)
     drawn = list(random_places(study, seed, plan.drawn, box))
     rng = _stream(seed, BEGUN, 0)
@@ -134,6 +131,25 @@ def falsify(
         say(f"gradients of {len(lanes)}: {min(map(_clearance, lanes)):.3f} m")
         kept(_so_far(lanes, plan, tried, number + 1))
     return _so_far(lanes, plan, tried, plan.rounds)
+
+
+def _check(plan: Search) -> None:
+    if plan.screened < plan.lanes or plan.lanes < 1:
+        raise InputError(f"search.lanes = {plan.lanes}: must be >= 1 and <= search.screened = {plan.screened}")
+    for count in plan.aimed:
+        if not 1 <= count <= plan.screened:
+            raise InputError(f"search.aimed = {count}: must be >= 1 and <= search.screened = {plan.screened}")
+    if plan.drawn < plan.screened:
+        raise InputError(f"search.drawn = {plan.drawn}: must be >= search.screened = {plan.screened}")
+    if plan.rounds and not plan.steps:
+        raise InputError("search.steps = (): must have at least one length")
+    for k, length in enumerate(plan.steps):
+        checked.number(f"search.steps[{k}]", length, 0.0, 2.0, strictly=True)
+    checked.whole("search.rounds", plan.rounds, 0, MOST)
+    checked.whole("search.window", plan.window, 1, MOST)
+    checked.number("search.spread", plan.spread, 0.0, 2.0)
+    checked.positive("search.memory", plan.memory)
+    checked.positive("search.gradient_cost", plan.gradient_cost)
 
 
 def _stream(seed: int, stage: int, number: int) -> np.random.Generator:

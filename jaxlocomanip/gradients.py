@@ -31,9 +31,11 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxlocomanip import checked, checked_arrays
 from jaxlocomanip import loop as closing
+from jaxlocomanip.fading import Kept, fade, shares_kept
 from jaxlocomanip.loop import Loop
-from jaxlocomanip.numerics import Floats, T, pytree, safe_norm, select, wrap_angle
+from jaxlocomanip.numerics import Floats, pytree, safe_norm, select, wrap_angle
 from jaxlocomanip.outcome import gaps, nearest
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.scenario import Scenario
@@ -46,6 +48,8 @@ SHARPNESS = 0.02
 """m, width of the soft minimum of clearances"""
 ARRIVAL_WIDTH = 0.2
 """fraction of the goal tolerances over which the soft time ends"""
+MOST_TICKS = 1_000_000
+"""of an episode"""
 FAR = 10.0
 """m, clearance reported where there is nothing to hit"""
 
@@ -90,16 +94,6 @@ class Sums:
 
 
 @pytree
-class Kept:
-    """Shares of derivatives that are left a tick earlier."""
-
-    motion: Array
-    """[] of those by the state of world and planner"""
-    plan: Array
-    """[] of those by the last tick's plan"""
-
-
-@pytree
 class Episode:
     """What is carried from tick to tick."""
 
@@ -131,7 +125,12 @@ def soft_outcome(
 
     Returns:
       The soft outcome.
+
+    Raises:
+      InputError: a batch, or a bad number.
     """
+    check_episode(scenario, ticks, memory)
+    checked_arrays.scalar("plans", plans, 0.0, 1.0)
     config, noise = planning(config), jax.random.key(0) if key is None else key
     kept = shares_kept(config, memory, plans)
     length = min(closing.ticks_per_search(config), ticks)
@@ -147,15 +146,16 @@ def soft_outcome(
     return _summary(end, scenario)
 
 
+def check_episode(scenario: Scenario, ticks: int, memory: Floats) -> None:
+    """What an episode is run with, as far as it is known before it is compiled."""
+    checked_arrays.single("scenario", scenario)
+    checked.whole("ticks", ticks, 1, MOST_TICKS)
+    checked_arrays.scalar("memory", memory, 0.0, strictly=True, endless=True)
+
+
 def planning(config: PlannerConfig) -> PlannerConfig:
     """Settings with which lanes at rest plan as well."""
     return dataclasses.replace(config, horizon=dataclasses.replace(config.horizon, rest_skips=False))
-
-
-def shares_kept(config: PlannerConfig, memory: Floats, plans: Floats = 1.0) -> Kept:
-    """What is left of derivatives a tick earlier, by time constant, s, and share of those by plans."""
-    motion = jnp.exp(-config.horizon.tick / jnp.asarray(memory, jnp.result_type(float)))
-    return Kept(motion, motion * plans)
 
 
 def begin(scenario: Scenario, config: PlannerConfig, world: PlanarWorld, key: Array) -> Episode:
@@ -195,29 +195,8 @@ def advance(
     return select(counts, moved, carry)
 
 
-@jax.custom_jvp
-def _fade(value: Array, kept: Array) -> Array:
-    """The value, of whose derivative a share is kept."""
-    del kept
-    return value
-
-
-@_fade.defjvp
-def _fade_jvp(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Array, Array]:
-    (value, kept), (change, _) = primals, tangents
-    return value, kept * change
-
-
-def _is_real(leaf: Array) -> bool:
-    return bool(jnp.issubdtype(leaf.dtype, jnp.floating))
-
-
 def faded(carry: Episode, kept: Kept) -> Episode:
     """The state of the loop and of the world with derivatives that fade; sums, and what is believed, keep theirs."""
-
-    def fade(tree: T, share: Array) -> T:
-        return jax.tree.map(lambda leaf: _fade(leaf, share) if _is_real(leaf) else leaf, tree)
-
     loop, world, view = fade((carry.loop, carry.world, carry.view), kept.motion)
     solver = fade(carry.loop.planner.solver, kept.plan)
     planner = dataclasses.replace(loop.planner, solver=solver, parameters=carry.loop.planner.parameters)

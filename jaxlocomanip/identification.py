@@ -18,6 +18,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxlocomanip import checked, checked_arrays
+from jaxlocomanip.checked import InputError
 from jaxlocomanip.loop import Log
 from jaxlocomanip.numerics import Floats, cholesky, cholesky_solve, pytree, select, wrap_angle
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
@@ -99,7 +101,13 @@ def recording_of(log: Log, tick: float, world: PlanarWorld | None = None) -> Rec
       log: with [T + 1] rows.
       tick: s, between rows.
       world: the world that it is from.
+
+    Raises:
+      InputError: the time between rows is not positive, or fewer than two rows.
     """
+    checked.positive("tick", tick)
+    if len(log.view.pose) < 2:
+        raise InputError(f"log has {len(log.view.pose)} rows: must have at least two")
     force, offset = log.view.force, log.view.offset
     lag = (world or PlanarWorld()).force_lag
     # The pushes follow what was asked for exponentially; so the asked ones, after any delay, are known from them.
@@ -165,8 +173,12 @@ def identify(
       tick: s, between poses.
       knowledge: noise of the poses, and how far the belief may be wrong.
       world: its lag, fade and substeps; the smoothing is not used.
+
+    Raises:
+      InputError: a batch, arrays of other shapes than stated, or bad numbers; inside of `jit` only what is known there.
     """
     known = knowledge or Knowledge()
+    _check(recording, scenario, tick, known)
     behind = world or PlanarWorld()
     prior = _prior(scenario, known)
 
@@ -206,6 +218,24 @@ def identify(
         misfit=jnp.sqrt(jnp.mean(values[:-UNKNOWNS] ** 2)),
         step=(step / deviation)[:6],
     )
+
+
+def _check(recording: Recording, scenario: Scenario, tick: float, known: Knowledge) -> None:
+    checked_arrays.single("scenario", scenario)
+    checked.positive("tick", tick)
+    ticks, robots = len(recording.force), scenario.team.offset.shape[0]
+    if ticks < 1:
+        raise InputError("recording.force has no rows: must have at least one tick")
+    for name, names, shape in (
+        ("force", "[T, N_r]", (ticks, robots)),
+        ("offset_rate", "[T, N_r]", (ticks, robots)),
+        ("pose", "[T + 1, 3]", (ticks + 1, 3)),
+        ("offset", "[N_r]", (robots,)),
+        ("acting", "[N_r]", (robots,)),
+    ):
+        checked_arrays.shaped(f"recording.{name}", getattr(recording, name), names, shape)
+    for field in dataclasses.fields(known):
+        checked_arrays.scalar(f"knowledge.{field.name}", getattr(known, field.name), 0.0, strictly=True)
 
 
 def _prior(scenario: Scenario, known: Knowledge) -> Array:

@@ -7,15 +7,18 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from jaxlocomanip import checked
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.planner.config import PlannerConfig
 from jaxlocomanip.sampling.sampler import draw
 from jaxlocomanip.sampling.study import Study
 from jaxlocomanip.trials import Found, Place, Trials, place_at
-from jaxlocomanip.variation import Bounds, dimension
+from jaxlocomanip.variation import Bounds, check_bounds, dimension
 
 TRIALS = 8
 """random places that are tried around a scenario of a study before the next one is drawn"""
+MOST = 1_000_000
+"""of whatever is counted"""
 BATCH = 8
 """episodes that are simulated side by side"""
 
@@ -58,8 +61,15 @@ def sample_worst(
       keep: how many to return.
       bounds: how far scenarios may be varied.
       kept: given what has been found so far after every batch.
+
+    Raises:
+      InputError: bad numbers, or a study without scenarios within the bounds.
     """
     box = bounds or Bounds()
+    check_bounds(box)
+    checked.seed("seed", seed)
+    checked.whole("episodes", episodes, 1, MOST)
+    checked.whole("keep", keep, 1, MOST)
     trial, places = Trials(study, config, box, BATCH), list(random_places(study, seed, episodes, box))
     every: list[Found] = []
     found = summed((), (), 0)

@@ -235,6 +235,11 @@ def _check(plan: Settings, lanes: int, looked: int) -> None:
     checked.whole("steps", plan.steps, 1, MOST)
     checked.whole("validate", plan.validate, 1, MOST)
     checked.whole("population", plan.population, 1, MOST)
+    checked.positive("rate", plan.rate)
+    checked.positive("spread", plan.spread)
+    checked.positive("memory", plan.memory)
+    checked.positive("gradient_cost", plan.gradient_cost)
+    checked.seed("seed", plan.seed)
     checked.whole("elite", plan.elite, 1, plan.population)
     if not 1 <= plan.batch <= lanes:
         raise InputError(f"batch = {plan.batch}: must be >= 1 and <= the {lanes} training scenarios")

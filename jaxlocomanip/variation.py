@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxlocomanip import checked
 from jaxlocomanip.numerics import pytree
 from jaxlocomanip.obstacle_spec import MotionSpec, ObstacleSpec, Point
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
@@ -57,6 +58,21 @@ class Bounds:
     """m/s, change of a moving obstacle's velocity either way along each axis"""
     start_room: float = 0.05
     """m, that obstacles leave the bodies at the start: less would be no fault of the planner"""
+
+
+def check_bounds(bounds: Bounds) -> None:
+    """The bounds are such that every scenario within them is one.
+
+    Raises:
+      InputError: an end or a change that is negative or not finite, ends in the wrong order, or a mass of zero.
+    """
+    for name in ("mass_ratio", "friction", "position_std", "heading_std", "obstacle_std"):
+        ends = checked.pair(f"bounds.{name}", getattr(bounds, name))
+        checked.number(f"bounds.{name}[0]", ends[0], 0.0, strictly=name == "mass_ratio")
+        checked.number(f"bounds.{name}[1]", ends[1], ends[0])
+    checked.number("bounds.com_offset", bounds.com_offset, 0.0, 1.0)
+    for name in ("shift", "velocity", "start_room"):
+        checked.number(f"bounds.{name}", getattr(bounds, name), 0.0)
 
 
 @pytree

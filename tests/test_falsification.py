@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 import os
+import re
 
 import jax
 import numpy as np
@@ -146,6 +147,37 @@ def test_without_gradients_directions_are_random(study, no_episodes, monkeypatch
 def test_bad_searches_are_refused(study):
     with pytest.raises(InputError, match=r"search.lanes = 9: must be >= 1 and <= search.screened = 8"):
         falsify(study, PlannerConfig(), search=Search(screened=8, lanes=9, aimed=()))
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"rounds": -1}, "search.rounds = -1: must be a whole number >= 0"),
+        ({"steps": ()}, "search.steps = (): must have at least one length"),
+        ({"steps": (0.1, -0.1)}, "search.steps[1] = -0.1: must be > 0 and <= 2"),
+        ({"window": 0}, "search.window = 0: must be a whole number >= 1"),
+        ({"spread": float("nan")}, "search.spread = nan: must be finite"),
+        ({"memory": 0.0}, "search.memory = 0.0: must be > 0"),
+        ({"gradient_cost": -1.0}, "search.gradient_cost = -1.0: must be > 0"),
+    ],
+)
+def test_bad_numbers_are_refused(study, change, text):
+    with pytest.raises(InputError, match=re.escape(text)):
+        falsify(study, PlannerConfig(), search=Search(**change))
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"episodes": 0}, "episodes = 0: must be a whole number >= 1"),
+        ({"keep": 0}, "keep = 0: must be a whole number >= 1"),
+        ({"seed": -1}, "seed = -1: must be a whole number >= 0"),
+        ({"bounds": Bounds(friction=(0.5, 0.2))}, "bounds.friction[1] = 0.2: must be >= 0.5"),
+    ],
+)
+def test_bad_random_samples_are_refused(study, change, text):
+    with pytest.raises(InputError, match=re.escape(text)):
+        sample_worst(study, PlannerConfig(), **({"episodes": 8} | change))
 
 
 def test_more_begun_than_drawn_are_refused(study):

@@ -1,6 +1,7 @@
 """Gradients of whole episodes against central differences, and that they stay finite."""
 
 import dataclasses
+import re
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +9,8 @@ import numpy as np
 import pytest
 
 from jaxlocomanip.build import build
-from jaxlocomanip.gradients import SHARPNESS, _fade, soft_outcome
+from jaxlocomanip.checked import InputError
+from jaxlocomanip.gradients import SHARPNESS, soft_outcome
 from jaxlocomanip.library import find
 from jaxlocomanip.padding import stack
 from jaxlocomanip.planner.config import Horizon, PlannerConfig, Reference
@@ -166,13 +168,24 @@ def test_means_are_those_of_the_episode_not_of_the_batch(make_scenario):
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5), alone, padded)
 
 
-def test_derivatives_fade_and_values_do_not():
-    def grown(x, kept):
-        return jax.lax.scan(lambda y, _: (3.0 * _fade(y, kept), None), x, None, length=4)[0]
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"ticks": 0}, "ticks = 0: must be a whole number >= 1"),
+        ({"ticks": 2.5}, "ticks = 2.5: must be a whole number"),
+        ({"memory": 0.0}, "memory = 0.0: must be > 0"),
+        ({"memory": float("nan")}, "memory = nan: must be finite"),
+        ({"plans": 1.5}, "plans = 1.5: must be >= 0 and <= 1"),
+    ],
+)
+def test_bad_numbers_are_refused(make_scenario, change, text):
+    with pytest.raises(InputError, match=re.escape(text)):
+        soft_outcome(make_scenario(), PlannerConfig(), **({"ticks": 10} | change))
 
-    for kept in (1.0, 0.5):
-        value, slope = jax.value_and_grad(grown)(jnp.ones(()), jnp.asarray(kept))
-        assert value == 81.0 and slope == pytest.approx((3.0 * kept) ** 4)
+
+def test_a_batch_is_refused(make_scenario):
+    with pytest.raises(InputError, match="scenario = a batch of 2: must be a single scenario"):
+        soft_outcome(stack([make_scenario(0), make_scenario(1)]), PlannerConfig(), 10)
 
 
 @pytest.mark.slow

@@ -1,12 +1,14 @@
 """Random objects are recognised from five seconds of motion, with and without noise."""
 
 import dataclasses
+import re
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxlocomanip.checked import InputError
 from jaxlocomanip.closed_loop import simulate
 from jaxlocomanip.identification import Knowledge, Recording, identify, recording_of, replay
 from jaxlocomanip.planar.dynamics import GRAVITY, Body
@@ -107,6 +109,35 @@ def test_a_wrong_model_shows_in_the_misfit(objects):
     drift = jnp.linspace(0.0, 1.0, TICKS + 1)[:, None] ** 2 * jnp.array([0.0, 0.5, 1.0])
     found = fit(scenario, dataclasses.replace(recording, pose=recording.pose + drift), arrays(Knowledge()))
     assert (found.misfit > 3.0).mean() > 0.7
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"pose": np.zeros((TICKS, 3))}, f"recording.pose has shape [250, 3]: must be [T + 1, 3] = [{TICKS + 1}, 3]"),
+        ({"pose": np.full((TICKS + 1, 3), np.nan)}, "recording.pose[0, 0] = nan: must be finite"),
+        (
+            {"offset_rate": np.zeros((TICKS, 3))},
+            "recording.offset_rate has shape [250, 3]: must be [T, N_r] = [250, 2]",
+        ),
+        ({"acting": np.zeros(3)}, "recording.acting has shape [3]: must be [N_r] = [2]"),
+        ({"force": np.zeros((0, 2))}, "recording.force has no rows"),
+    ],
+)
+def test_bad_recordings_are_refused(make_scenario, change, text):
+    force, offset = np.zeros((TICKS, 2)), np.zeros(2)
+    fine = Recording(np.zeros((TICKS + 1, 3)), force, force, offset, offset)
+    with pytest.raises(InputError, match=re.escape(text)):
+        identify(dataclasses.replace(fine, **change), make_scenario(), TICK)
+
+
+def test_bad_knowledge_is_refused(make_scenario):
+    force, offset = np.zeros((TICKS, 2)), np.zeros(2)
+    fine = Recording(np.zeros((TICKS + 1, 3)), force, force, offset, offset)
+    with pytest.raises(InputError, match=r"knowledge.heading = 0.0: must be > 0"):
+        identify(fine, make_scenario(), TICK, Knowledge(heading=0.0))
+    with pytest.raises(InputError, match=r"tick = -0.02: must be > 0"):
+        identify(fine, make_scenario(), -TICK)
 
 
 @pytest.mark.slow

@@ -212,6 +212,9 @@ def test_bad_settings_are_refused(sets):
         ({"validate": 0}, "validate = 0: must be a whole number >= 1"),
         ({"elite": 17}, "elite = 17: must be a whole number >= 1 and <= 16"),
         ({"steps": 2.5}, "steps = 2.5: must be a whole number"),
+        ({"rate": 0.0}, "rate = 0.0: must be > 0"),
+        ({"memory": math.inf}, "memory = inf: must be finite"),
+        ({"seed": -1}, "seed = -1: must be a whole number >= 0"),
     ):
         with pytest.raises(InputError, match=re.escape(text)):
             tune(PlannerConfig(), *sets, 10, Settings(NAMES, **change))

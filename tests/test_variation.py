@@ -1,6 +1,7 @@
 """Varied scenarios as arrays and as files are the same, within their bounds."""
 
 import dataclasses
+import re
 import tomllib
 
 import jax
@@ -9,13 +10,14 @@ import numpy as np
 import pytest
 
 from jaxlocomanip.build import build
+from jaxlocomanip.checked import InputError
 from jaxlocomanip.obstacle_spec import MotionSpec
 from jaxlocomanip.planar.dynamics import GRAVITY
 from jaxlocomanip.sampling.sampler import draw
 from jaxlocomanip.sampling.study import find_study
 from jaxlocomanip.scenario_file import scenario_to_toml
 from jaxlocomanip.specification import parse_scenario
-from jaxlocomanip.variation import Bounds, dimension, varied_spec, vary
+from jaxlocomanip.variation import Bounds, check_bounds, dimension, varied_spec, vary
 
 make = jax.jit(vary)
 
@@ -93,3 +95,21 @@ def test_waypoints_are_carried_along(lanes):
     made = make(scenario, jnp.asarray(where, jnp.float32), box)
     for time in (0.0, 2.0, 7.0):
         np.testing.assert_allclose(again.obstacles.at(time), made.obstacles.at(time), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"mass_ratio": (0.0, 2.0)}, "bounds.mass_ratio[0] = 0.0: must be > 0"),
+        ({"friction": (0.5, 0.2)}, "bounds.friction[1] = 0.2: must be >= 0.5"),
+        ({"position_std": (0.0, float("inf"))}, "bounds.position_std[1] = inf: must be finite"),
+        ({"heading_std": 0.1}, "bounds.heading_std = 0.1: must be 2 numbers"),
+        ({"com_offset": 1.5}, "bounds.com_offset = 1.5: must be >= 0 and <= 1"),
+        ({"shift": -0.5}, "bounds.shift = -0.5: must be >= 0"),
+        ({"start_room": float("nan")}, "bounds.start_room = nan: must be finite"),
+    ],
+)
+def test_bad_bounds_are_refused(change, text):
+    check_bounds(Bounds())
+    with pytest.raises(InputError, match=re.escape(text)):
+        check_bounds(Bounds(**change))

@@ -24,7 +24,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxlocomanip import checked
+from jaxlocomanip import checked, checked_arrays
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.footprint import placed, polygon_gap
 from jaxlocomanip.locomotion.robot import LEGS
@@ -127,8 +127,7 @@ def build_scene(
     Raises:
       InputError: a batch, a bad number, or an MJCF that is missing, broken or without the names.
     """
-    if np.ndim(scenario.duration) != 0:
-        raise InputError(f"scenario = a batch of {np.shape(scenario.duration)[0]}: must be a single scenario")
+    checked_arrays.single("scenario", scenario)
     checked.number("standoff", standoff, 0.0, 10.0)
     team = [read_robot_part(source) for source in _sources(scenario, robots)]
     spec = mujoco.MjSpec()
