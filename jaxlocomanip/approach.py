@@ -54,7 +54,7 @@ def closest_approach(
       InputError: a batch, or a bad number.
     """
     gradients.check_episode(scenario, ticks, memory)
-    checked.whole("window", window, 1, gradients.MOST_TICKS)
+    checked.count("window", window)
     config, noise = gradients.planning(config), jax.random.key(0) if key is None else key
     window = min(window, ticks)
     kept = shares_kept(config, memory)

@@ -16,6 +16,8 @@ class InputError(ValueError):
 
 LARGEST = 1e9
 """Numbers beyond this are refused: single precision could not compute with them."""
+MOST = 1_000_000
+"""of whatever is counted"""
 SEED_LIMIT = 2**32 - 1
 """largest seed"""
 SMALLEST = 1e-6
@@ -94,6 +96,11 @@ def whole(field: str, value: Any, low: int, high: int) -> int:
     if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not low <= int(value) <= high:
         raise InputError(f"{field} = {value!r}: must be a whole number >= {low} and <= {high}")
     return int(value)
+
+
+def count(field: str, value: Any, low: int = 1) -> int:
+    """`value` as an int if it is a number of things, from `low` to a million."""
+    return whole(field, value, low, MOST)
 
 
 def seed(field: str, value: Any) -> int:

@@ -30,7 +30,7 @@ from jaxlocomanip import checked
 from jaxlocomanip.aiming import Aim, aims, straight_motion
 from jaxlocomanip.checked import InputError
 from jaxlocomanip.planner.config import PlannerConfig
-from jaxlocomanip.random_worst import BATCH, MOST, TRIALS, Falsified, Keep, random_places, summed
+from jaxlocomanip.random_worst import BATCH, TRIALS, Falsified, Keep, random_places, summed
 from jaxlocomanip.sampling.study import Study
 from jaxlocomanip.trials import Found, Place, Trials, place_at
 from jaxlocomanip.variation import Bounds, check_bounds
@@ -145,8 +145,8 @@ def _check(plan: Search) -> None:
         raise InputError("search.steps = (): must have at least one length")
     for k, length in enumerate(plan.steps):
         checked.number(f"search.steps[{k}]", length, 0.0, 2.0, strictly=True)
-    checked.whole("search.rounds", plan.rounds, 0, MOST)
-    checked.whole("search.window", plan.window, 1, MOST)
+    checked.count("search.rounds", plan.rounds, 0)
+    checked.count("search.window", plan.window)
     checked.number("search.spread", plan.spread, 0.0, 2.0)
     checked.positive("search.memory", plan.memory)
     checked.positive("search.gradient_cost", plan.gradient_cost)

@@ -17,8 +17,6 @@ from jaxlocomanip.variation import Bounds, check_bounds, dimension
 
 TRIALS = 8
 """random places that are tried around a scenario of a study before the next one is drawn"""
-MOST = 1_000_000
-"""of whatever is counted"""
 BATCH = 8
 """episodes that are simulated side by side"""
 
@@ -68,8 +66,8 @@ def sample_worst(
     box = bounds or Bounds()
     check_bounds(box)
     checked.seed("seed", seed)
-    checked.whole("episodes", episodes, 1, MOST)
-    checked.whole("keep", keep, 1, MOST)
+    checked.count("episodes", episodes)
+    checked.count("keep", keep)
     trial, places = Trials(study, config, box, BATCH), list(random_places(study, seed, episodes, box))
     every: list[Found] = []
     found = summed((), (), 0)

@@ -49,8 +49,6 @@ KEEP = 0.2
 """share of the old spread in that of the next generation of the cross-entropy method"""
 MOMENTUM = 0.8
 """share of the old in the running mean of gradients"""
-MOST = 1_000_000
-"""of whatever is counted"""
 LEAST_SPREAD = 0.02
 """that a setting's logarithm keeps"""
 
@@ -232,9 +230,9 @@ def _leaves(tree: Any) -> tuple[Floats, ...]:
 
 def _check(plan: Settings, lanes: int, looked: int) -> None:
     checked.one_of("method", plan.method, METHODS)
-    checked.whole("steps", plan.steps, 1, MOST)
-    checked.whole("validate", plan.validate, 1, MOST)
-    checked.whole("population", plan.population, 1, MOST)
+    checked.count("steps", plan.steps)
+    checked.count("validate", plan.validate)
+    checked.count("population", plan.population)
     checked.positive("rate", plan.rate)
     checked.positive("spread", plan.spread)
     checked.positive("memory", plan.memory)

@@ -129,3 +129,63 @@ def made_up_columns(tiny_study):
         return {name: [value for part in parts for value in part[name]] for name in parts[0]}
 
     return make
+
+
+@pytest.fixture(scope="session")
+def breaking():
+    """Text of a study whose scenarios are searched for the worst."""
+    return """
+name = "breaking"
+extends = "standard"
+duration = 1.0
+[goal]
+distance = { uniform = [1.0, 2.0] }
+heading = 0.0
+[obstacles]
+count = 2
+along = { uniform = [0.3, 0.8] }
+half_size = 0.2
+"""
+
+
+class MadeUp:
+    """Episodes in which nothing moves, counted, and their gradients."""
+
+    touching = 0.1
+    """m, clearance below which robots touch each other"""
+
+    def __init__(self):
+        self.episodes = self.gradients = 0
+        self.clearance = lambda place: 0.5 - 0.05 * place.spec.truth.mass - 0.5 * place.spec.truth.friction
+        """of a place, m; least for the heaviest object on the roughest floor"""
+
+    def found(self, place):
+        from jaxlocomanip.aiming import Motion
+        from jaxlocomanip.trials import Found
+
+        clearance, obstacles = self.clearance(place), np.asarray(place.scenario.obstacles.position)
+        motion = Motion(np.tile(place.scenario.start, (2, 1)), np.tile(obstacles, (2, 1, 1)))
+        return Found(place.spec, place.seed, clearance, clearance - self.touching, False, True, motion)
+
+
+@pytest.fixture
+def no_episodes(monkeypatch):
+    """Made-up episodes in the place of those that would be run."""
+    from jaxlocomanip.trials import Trials
+
+    made_up = MadeUp()
+
+    def run(self, places):
+        made_up.episodes += len(places)
+        return [(place, made_up.found(place)) for place in places]
+
+    def gradients(self, places):
+        made_up.gradients += len(places)
+        slopes = [np.zeros(len(place.coordinates)) for place in places]
+        for slope in slopes:
+            slope[:2] = -0.2, -0.1
+        return slopes
+
+    monkeypatch.setattr(Trials, "run", run)
+    monkeypatch.setattr(Trials, "gradients", gradients)
+    return made_up

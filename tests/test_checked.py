@@ -107,3 +107,10 @@ def test_integers_beyond_any_float_are_refused_in_short():
 def test_names_that_no_file_can_have_are_refused(name):
     text = refusal(checked.name, "name", name)
     assert "must be a text usable as a file name" in text and len(text) < 250
+
+
+def test_counts_are_whole_and_bounded():
+    assert checked.count("rounds", 0, 0) == 0 and checked.count("rounds", checked.MOST) == checked.MOST
+    for value in (0, 2.5, True, checked.MOST + 1):
+        with pytest.raises(InputError, match="must be a whole number >= 1 and <= 1000000"):
+            checked.count("rounds", value)

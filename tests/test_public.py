@@ -114,7 +114,7 @@ def _examples():
         yield pytest.param(text, marks=[pytest.mark.slow] if slow else [], id=re.sub(r"\W+", " ", text)[:30])
 
 
-@pytest.mark.parametrize("text", _examples())
+@pytest.mark.parametrize("text", list(_examples()))
 def test_the_examples_of_the_readme_run(capsys, monkeypatch, text):
     monkeypatch.setattr(os, "environ", dict(os.environ))
     exec(compile(text, "README.md", "exec"), {"__name__": "readme"})
