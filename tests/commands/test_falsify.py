@@ -24,9 +24,8 @@ def test_the_command_leaves_scenarios(breaking, no_episodes, tmp_path, monkeypat
     for row in summary["worst"]:
         spec = load_scenario(out / row["file"])
         assert spec.name == row["scenario"]
-        assert no_episodes.clearance(dataclasses.make_dataclass("Place", ["spec"])(spec)) == pytest.approx(
-            row["clearance"]
-        )
+        place = dataclasses.make_dataclass("Place", ["spec"])(spec)
+        assert no_episodes.clearance(place) == pytest.approx(row["clearance"])
     assert "of the 2 scenarios kept collided with an obstacle, in " in capsys.readouterr().out
     (out / "worst-07.toml").write_text("of a longer search before")
     (out / "worst.rrd").write_text("of a search before")
